@@ -12,7 +12,11 @@ equal images always give equal results."""
 
 
 def at_once(steps: Steps[T]) -> T:
-    """Run a divided computation without pauses, and return its result, the return value of the generator."""
+    """Run a divided computation to its end without pauses; return its result.
+
+    Args:
+        steps: generator that yields the nominal cost of each step [µs], and returns the result of the computation.
+    """
     while True:
         try:
             next(steps)

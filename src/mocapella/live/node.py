@@ -70,8 +70,9 @@ class Membership:
 
     Args:
         link: the sensor's end of the bus; stays open.
-        stop: ends the thread; the thread sets it if a server refuses the name. If it is a `StopEvent`, the link waits
-            for no acknowledgement at its end once any thread of the process has died.
+        stop: ends the thread; the thread sets it if a server refuses the name. If it is a `StopEvent`, its event
+            ``died`` replaces ``link.hurry``: once a thread of the process has died, `NodeLink.close` no longer waits
+            until the node's frames are acknowledged.
         say: receives messages about the server.
         clock: the monotonic clock, in seconds.
 

@@ -68,17 +68,23 @@ class WantedFrames:
         self._last = -1
 
     def take(self, sequence: int) -> None:
-        """Check the sequence number of a frame in the answer, and note it.
+        """Check that a frame that the node has sent was requested, and note that it has arrived.
+
+        Args:
+            sequence: sequence number of the frame.
 
         Raises:
-            WireError: it was not asked for.
+            WireError: the number is in none of ``ranges``.
         """
         if not any(first <= sequence <= last for first, last in self.ranges):
             raise WireError(f"sequence {sequence} was not asked for")
         self._last = max(self._last, sequence)
 
     def unreadable(self) -> int | None:
-        """Return the number that an undecodable frame in the answer must have, the next one; None if none is left."""
+        """Return the sequence number of a frame that the node has sent and that cannot be decoded; note its arrival.
+
+        Nodes send the requested frames in ascending order, so it is the next requested number; None if none is left.
+        """
         number = next((max(first, self._last + 1) for first, last in self.ranges if self._last < last), None)
         self._last = self._last if number is None else number
         return number

@@ -24,9 +24,10 @@ def conditions(reason: str, sensors: Collection[str]) -> list[str]:
 
 
 def problems(reason: str, sensors: Collection[str]) -> list[tuple[str, str]]:
-    """Split a state's reason into sensors and their problems, without the other sensor of a pair.
+    """Split a state's reason into its parts; return the sensor and the problem of each, in order.
 
-    Arguments as in `conditions`. The sensor is empty where a part names none.
+    Arguments as in `conditions`. The sensor is empty where a part names none. A problem does not name the other sensor
+    of a pair, see `trouble`.
     """
     found: list[tuple[str, str]] = []
     for part in filter(None, reason.split("; ")):

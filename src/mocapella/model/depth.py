@@ -35,7 +35,10 @@ class DepthFrame(SensorFrame, frozen=True, eq=False):
 
     @property
     def for_the_take(self) -> bool:
-        """Whether a node sends it together with the arms detected in it, so that no method needs it."""
+        """Whether the frame is only for recording: the image that a node sends beside the arms detected in it.
+
+        The names of such images' sensors end with `IMAGES_SUFFIX`.
+        """
         return self.sensor.endswith(IMAGES_SUFFIX)
 
     @property

@@ -46,7 +46,7 @@ class FrameType:
         field: number of a protobuf field that each message has and no other type's; plug-ins use `ENVELOPE_FIELD`.
         counted: singular and plural noun for a frame's items; None where nothing is counted.
         shown: text of the sensor table where nothing is counted; the name if omitted.
-        hint: other uses of such frames, for the message that no method accepts them.
+        hint: other uses of the frames, for the message about frames that no tracking method accepts.
         lane: ``module:name`` of a `mocapella.viewer.lanes.Lane`, which draws a frame in the sensors' view, or empty.
         resolver: ``module:name`` of a class whose ``resolve`` loads data that a take only references, such as an image
             in a video file; may be empty.

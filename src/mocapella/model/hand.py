@@ -192,7 +192,7 @@ class HandModel:
         return out
 
     def within(self, angles: Float64, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Return whether angles are within all limits, including the cones and the strict couplings.
+        """Return whether angles are within all limits, including `cones` and the couplings of `coupled` digits.
 
         Args:
             angles: (..., 21) in the order of `ANGLES` [rad].
@@ -394,6 +394,7 @@ def hand_model_from_toml(text: str) -> HandModel:
     """Read and validate a hand model with all 21 angles from the text of its TOML file, such as ``hands/human.toml``.
 
     Raises:
+        InputError: the text is no TOML.
         SettingsError: a key or digit that is unknown or missing, or a value out of range.
     """
     data = decode_toml(text)

@@ -21,7 +21,7 @@ _INTERVALS: Final = 5
 
 
 class Pace:
-    """The usual interval of a sensor, the median of the last five, and its silence.
+    """The usual interval between a sensor's frames, the median of its last five intervals, and its silence.
 
     Attributes:
         heard_ns: time of the last frame [ns]; None before the first.
@@ -39,7 +39,13 @@ class Pace:
         self.heard_ns = self._since_ns = at_ns
 
     def awake(self, at_ns: int) -> None:
-        """Restart the present silence at ``at_ns`` [ns], as the receiver was suspended; once until the next frame."""
+        """Count the present silence from now on only, because the receiver was suspended meanwhile.
+
+        Only the first call after a frame has an effect; none before the first frame.
+
+        Args:
+            at_ns: the present time on the receiver's monotonic clock [ns].
+        """
         if self._since_ns == self.heard_ns and self.heard_ns is not None:
             self._since_ns = at_ns
 

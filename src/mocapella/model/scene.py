@@ -21,7 +21,11 @@ UInt8 = NDArray[np.uint8]
 
 
 class Phase(StrEnum):
-    """Phases of the tracker: those of the KinectMultiTrack thesis, and stopped."""
+    """Phases of the tracker, as in the KinectMultiTrack thesis, and ``STOPPED``; the values are texts for users.
+
+    In the usual order: it waits for the sensors, is calibrated, and then tracks. Only the method ``stand-still`` needs
+    a recalibration after all people have left.
+    """
 
     STOPPED = "stopped"
     """Frames are not tracked: before the start, while the method is prepared, or after a stop."""

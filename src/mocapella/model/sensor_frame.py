@@ -42,7 +42,7 @@ class SensorFrame(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def for_the_take(self) -> bool:
-        """Whether the frame is sent for takes only, so that no method needs to use it."""
+        """Whether the frame is only for recording in a take, so that no tracking method needs to accept it."""
         return False
 
     @property

@@ -57,7 +57,11 @@ class PersonName:
 
 @dataclass(frozen=True)
 class SensorPose:
-    """A sensor's tilt and height above the floor, as measured by the user."""
+    """A sensor's tilt and height above the floor, as measured by the user.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
 
     tilt: float = 0.0
     """Upwards positive [rad]."""

@@ -38,7 +38,13 @@ class JointMapping(NamedTuple):
 
     @classmethod
     def of(cls, own: Topology, target: Topology, table: Weights) -> JointMapping:
-        """Return the mapping from the joints of ``own`` to ``target``'s, by a table of `Topology.mappings`."""
+        """Return the mapping from the joints of one topology to the joints of another.
+
+        Args:
+            own: the topology of the given joints.
+            target: the topology of the joints to compute.
+            table: weights of ``own`` for ``target``, as in ``own.mappings``.
+        """
         weights = np.zeros((len(target), len(own)))
         for joint, terms in table.items():
             for contributor, weight in terms.items():
@@ -47,14 +53,20 @@ class JointMapping(NamedTuple):
         return cls(weights, uses, uses.any(axis=-1))
 
     def positions(self, positions: Float64) -> Float64:
-        """Return targets (..., targets, 3) of joints (..., joints, 3) [m]; NaN if a contributor is, or without any."""
+        """Return the targets (..., targets, 3) of joints at ``positions`` (..., joints, 3) [m].
+
+        A target is NaN if a joint that contributes to it is NaN, or if none contributes.
+        """
         missing = np.asarray(np.isnan(positions).any(axis=-1))
         mapped = self.weights @ np.where(missing[..., None], 0.0, positions)
         mapped[~self.known | (missing[..., None, :] & self.uses).any(axis=-1)] = np.nan
         return np.asarray(mapped)
 
     def states(self, states: UInt8) -> UInt8:
-        """Return states (..., targets) of states (..., joints): the contributors' lowest; NOT_TRACKED without any."""
+        """Return the `JointState` (..., targets) of the targets, given the joints' ``states`` (..., joints).
+
+        It is the lowest of the contributing joints' states; NOT_TRACKED if none contributes.
+        """
         worst = np.where(self.uses, states[..., None, :], JointState.TRACKED).min(axis=-1)
         return np.where(self.known, worst, JointState.NOT_TRACKED).astype(np.uint8)
 

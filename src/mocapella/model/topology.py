@@ -73,6 +73,7 @@ def topology_from_toml(text: str, name: str) -> Topology:
     """Read and validate a topology from the text of its TOML file; ``name`` becomes its name.
 
     Raises:
+        InputError: the text is no TOML.
         SettingsError: a bone, pair or mapping names an unknown joint, the bones are not a tree from the root, a joint
             has two mirror images, the field of view is impossible, or a mapping's weights do not sum to 1 or differ
             between left and right.

@@ -73,7 +73,7 @@ class Accounts:
                 self._changed.add(node)
 
     def wants(self, node: Node, number: int) -> bool:
-        """Whether an arrived frame belongs to the take and was not received before; if it was, count a duplicate.
+        """Return whether an arrived frame belongs to the take and is new; count a known one in ``duplicates``.
 
         Args:
             node: the frame's node.

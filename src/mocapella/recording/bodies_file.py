@@ -154,7 +154,7 @@ def read_followed_body(path: Path) -> FollowedBody:
     """Read a file of one tracked body.
 
     Raises:
-        InputError: the file has another format or version, or no frames; names the field.
+        InputError: the file cannot be read, has another format or version, or no frames; names the field.
     """
     return _checked(_converted(read_json(path), FollowedBody, FORMAT, path), path, "frames")
 
@@ -163,7 +163,8 @@ def read_followed_people(path: Path) -> dict[str, FollowedBody]:
     """Read a file of one or several tracked bodies; return them by name, an unnamed one under the key `ALONE`.
 
     Raises:
-        InputError: the file has another format or version, or a body has no frames; names the field.
+        InputError: the file cannot be read, has another format or version, or no body, or a body has no frames; names
+            the field.
     """
     data = read_json(path)
     if not is_followed_people(data):

@@ -78,6 +78,7 @@ class BodiesWriter:
 
         Raises:
             RecordingError: another program has made the file shorter.
+            InputError: a frame cannot be decoded as ``of``.
         """
         for line in self._lines():
             if ALONE in self.bodies:

@@ -94,6 +94,7 @@ def merge_frames(path: Path | str, others: Sequence[Path], *, reserve_bytes: int
         RecordingError: the take is being recorded, or the copy differs from the parts.
         DiskFullError: there is no space for the copy.
         DamagedTakeError: the take is damaged; everything is kept. Of a damaged other file, readable frames are added.
+        SchemaVersionError: the take or a file was made with another message schema.
     """
     path = Path(path)
     merge_parts(path, reserve_bytes=reserve_bytes)
@@ -145,7 +146,12 @@ def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = Non
 
 
 def remove_leftovers(path: Path) -> None:
-    """Delete the part files that were merged into a closed take, according to its metadata."""
+    """Delete the part files that were merged into a closed take, according to its metadata.
+
+    Raises:
+        OSError: the take cannot be read, or a part cannot be deleted.
+        InputError: the metadata are invalid.
+    """
     beside = {part.name: part for part in disk.parts_of(path)[1:]}
     if not beside or not closed(path):
         return

@@ -35,6 +35,9 @@ class TakeFile(McapFile):
             log_ns: time of the entry, on the server's clock.
             sequence: sequence number of a frame, number of a run, else 0.
             publish_ns: MCAP's time of publication, on the server's clock; None for ``log_ns``.
+
+        Raises:
+            WireError, KeyError: as in `channel_format`, at the first message of a topic.
         """
         channel = self._channel_of.get(topic)
         if channel is None:
@@ -62,6 +65,10 @@ def channel_format(topic: str, data: bytes) -> MessageFormat:
     Args:
         topic: the channel's topic.
         data: the first message; it determines the type of frames.
+
+    Raises:
+        WireError: the topic is that of frames, and the message is no frame.
+        KeyError: takes have no such topic.
     """
     if topic.startswith(take.FRAMES):
         return format_of(data)

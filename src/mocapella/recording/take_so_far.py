@@ -73,9 +73,13 @@ class _Account(msgspec.Struct, frozen=True):
 
 
 def read_so_far(parts: Sequence[Path]) -> TakeSoFar:
-    """Read the files of an interrupted take, in order: the newest, and those before it that no account describes.
+    """Return the contents of an interrupted take so far, reading as few of its files as possible.
 
-    The recording of the take must have ended. An earlier file whose size is not that in the account is read again.
+    A later file begins with the `TakeSoFar` of the earlier ones, which then need not be read, unless the size of one
+    has changed. The recording of the take must have ended.
+
+    Args:
+        parts: the files of the take, in order.
 
     Raises:
         InputError, DamagedTakeError, SchemaVersionError: as in `mocapella.recording.take_index.index_take`.
@@ -109,10 +113,10 @@ def _continued(so_far: TakeSoFar, parts: Sequence[Path], number: int, sizes: lis
 
 
 def decode_so_far(data: bytes) -> TakeSoFar:
-    """Decode an account of `TakeSoFar.encode`.
+    """Decode the bytes that `TakeSoFar.encode` has returned.
 
     Raises:
-        InputError: it is none, or its ranges of sequence numbers overlap or are not in order.
+        InputError: they are no such JSON, or ranges of sequence numbers overlap or are not in ascending order.
     """
     account = decode_json(data, _Account, what="account of a take")
     nodes = {(n.row.sensor, n.row.node_id): NodeLedger.restored(n.row, n.agreed, n.received) for n in account.nodes}

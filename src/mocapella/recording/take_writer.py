@@ -112,6 +112,7 @@ class TakeWriter:
             TakeExistsError: the take was closed properly, is being recorded elsewhere, or is no Mocapella take.
             RecordingError, DiskFullError: as in `create`.
             SchemaVersionError: the take was begun with another message schema.
+            InputError, DamagedTakeError: a file of the take cannot be read, or a run's description is invalid.
         """
         disk.check_folder(path.parent, reserve_bytes)
         if not os.path.lexists(path):

@@ -51,6 +51,9 @@ class ArmRegionSettings:
         nearer_m: least difference in depth to such a surface [m].
         branch_m: least length of a branch of the surface, such as a finger [m].
         points: largest number of points of a region; larger: more accurate, at more work [points].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     near_m: float = 0.2
@@ -437,7 +440,7 @@ _BRANCHES: Final = 24
 
 @cache
 def kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `arm_region_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import arm_region_kernels
 
     return arm_region_kernels

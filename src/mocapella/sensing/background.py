@@ -50,6 +50,9 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
         least_sd: least standard deviation of a density [grey levels].
         darkest: least brightness of a pixel in shadow, as a share of its usual one; 1: there are no shadows.
         shadow_nats: additional cost of a pixel in shadow [nats].
+
+    Raises:
+        SettingsError: a value is invalid, or the arrays differ in shape; names it and the valid values.
     """
 
     usual: UInt8

@@ -55,6 +55,9 @@ class MemorySettings:
             levels].
         every: stride between the samples that decide whether an image shows this room; larger: less work, less certain
             [samples].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     guard_steps: float = 6.0
@@ -102,6 +105,9 @@ class BackgroundMemory:
 
     Attributes:
         step_px, settings: as given.
+
+    Raises:
+        SettingsError: ``step_px`` is below 1.
     """
 
     def __init__(self, step_px: int, settings: MemorySettings = DEFAULT) -> None:
@@ -246,6 +252,10 @@ class BackgroundMemory:
 
     def costs(self, band: Band, settings: RegionSettings) -> Float32:
         """Return (blocks, size) the cost −log p of each sample's value under the background [nats]; NaN where unknown.
+
+        Args:
+            band: the samples, of an image of the learnt size.
+            settings: not used.
 
         Raises:
             InputError: the band's window is not aligned as in `update`.

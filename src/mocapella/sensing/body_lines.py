@@ -50,6 +50,9 @@ class BodyLinesSettings:
         tilt_deg: greatest tilt of the camera [°].
         least_m2: least area of a body's outline, at its distance [m²].
         image: settings of the later stages; its range and reach are replaced by the above.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     near_m: float = 0.8

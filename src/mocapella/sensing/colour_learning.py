@@ -203,9 +203,10 @@ def inside(region: Mask) -> Mask:
 
 
 def learn(bgr: UInt8) -> Chromaticities:
-    """Fit the distribution of one colour to its pixels (n, 3) blue, green, red, without outliers, as in reflections.
+    """Fit the distribution of one colour to pixels (n, 3) blue, green, red, and return it.
 
-    The result's ``pixels`` is the number of pixels that are kept.
+    Outliers, such as pixels in reflections, are trimmed: those farther from the mean chromaticity than three standard
+    deviations. The result's ``pixels`` is the number of pixels that are kept.
     """
     at, luma = chromaticity(bgr), brightness(bgr)
     kept = np.ones(len(at), np.bool_)

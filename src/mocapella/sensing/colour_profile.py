@@ -70,6 +70,9 @@ class Chromaticities:
         covariance: (uu, uv, vv).
         luma: percentiles 5, 50 and 95 of luma, 0 to 255.
         pixels: number of pixels.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     mean: tuple[float, float]
@@ -95,6 +98,9 @@ class Colour:
         name: the marker's name.
         seen: distribution of its pixels.
         area_px: median area of the regions around the clicks on the marker [px²].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     name: str
@@ -114,6 +120,9 @@ class BackgroundColours:
         counts: (BINS, BINS) numbers of pixels by u and v.
         luma: median luma of the pixels, 0 to 255.
         chromaticity: medians of u and v; they drift with the colour of the light.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     counts: tuple[tuple[int, ...], ...]
@@ -140,6 +149,9 @@ class ColourProfile:
         skin: distribution of skin; None if it was not clicked.
         controls: values of the camera's controls while the colours were learnt.
         version: version of the file's layout.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     camera: str

@@ -45,6 +45,9 @@ class TableSettings:
         light_sd: standard deviation of u and v caused by changes of the light.
         value_sd: noise of a pixel's 8-bit values, including a cell's width.
         brightness_range: greatest factor between a colour's brightness and the learnt one, in 8-bit values.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     margin: float = 3.0
@@ -82,6 +85,10 @@ def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) 
     """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour.
 
     A cell is classified by its middle; k counts from 1.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        settings: margins of the classification; the defaults if None.
     """
     values = (np.arange(CELLS) + 0.5) * CELL - 0.5
     red, green, blue = np.meshgrid(values, values, values, indexing="ij")
@@ -95,7 +102,13 @@ def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
-    """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour."""
+    """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        bgr: (..., 3) pixels, of any number type.
+        settings: margins of the classification; the defaults if None.
+    """
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
     at, luma, noise = chromaticity(values), brightness(values), _noise(values, s)
@@ -134,9 +147,10 @@ def gaussian(at: Float64, seen: Chromaticities, noise: Float64 | float = 0.0) ->
 
 
 def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Float64) -> Float64:
-    """Return the density (...) of the background at chromaticities, to be compared with a marker's, of integral 1.
+    """Return the density (...) of the background's colours at chromaticities, for the likelihood ratio to a marker.
 
-    The scene's histogram is scaled by area: a background object as large as the marker has integral 1, too.
+    It is a mixture of the scene's histogram, skin, if learnt, and a uniform density. The histogram is in units of the
+    marker's area, so that a background object as large as the marker has the integral 1, like the marker's density.
 
     Args:
         profile: the background's colours.
@@ -161,7 +175,12 @@ def no_marker(profile: ColourProfile, at: Float64, noise: Float64, areas_px: Flo
 
 
 def separability(profile: ColourProfile, settings: TableSettings | None = None) -> Separability:
-    """Return the separability of a profile's colours, and their problems, so that users can choose better colours."""
+    """Return the separability of a profile's colours, and their problems, so that users can choose better colours.
+
+    Args:
+        profile: the colours of the markers and of the background.
+        settings: margins of the classification; the defaults if None.
+    """
     s = settings or TableSettings()
     count, names = len(profile.colours), profile.names
     distances = np.zeros((count, count))

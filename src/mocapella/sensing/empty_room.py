@@ -130,9 +130,10 @@ class MovedSince:
         self._first = memory
 
     def at_body(self, name: str, image: UInt8, covered: Silhouette) -> float:
-        """Return the share of changed pixels, 0 to 1, that lie at the body's first or present position; NaN if few did.
+        """Return the share of changed pixels, 0 to 1, that lie at the body's first or present position.
 
-        The first call of a camera keeps a copy of the image and the body's position, and returns NaN.
+        A changed pixel differs from the camera's first image. The first call for a camera keeps a copy of the image and
+        the body's position, and returns NaN, as later calls do if too few pixels have changed.
 
         Args:
             name: name of the camera.

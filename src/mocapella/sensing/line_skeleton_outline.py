@@ -148,7 +148,12 @@ def outline(pictures: Separated, s: LineSkeletonSettings) -> ArmOutline | None:
 def lines(of: ArmOutline, s: LineSkeletonSettings) -> Lines:
     """Detect the straight lines of an arm's skeleton by thinning and the probabilistic Hough transform.
 
-    The segments are (0, 4) if there is no line.
+    Args:
+        of: the outline of the arm.
+        s: thresholds of the thinning and of the Hough transform.
+
+    Returns:
+        The lines, with segments (0, 4) if there is none, and the intermediate images.
     """
     made = skeleton(of.arm, s.ridge_least)
     found = cv2.HoughLinesP(made.lines, 1, np.pi / 180, s.hough_votes, None, s.hough_length_px, s.hough_gap_px)

@@ -50,6 +50,9 @@ class LineSkeletonSettings:
         grid_px: stride of the point grid; larger: less work, and small blobs are missed [px].
         longest_m: largest distance of a fingertip from the palm; one farther away is placed at the palm [m].
         fills_most: greatest share of the image that an arm covers; more is no arm [0 to 1].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     near_m: float = 0.2

@@ -39,7 +39,8 @@ class PieceBuffers(NamedTuple):
         labels: uint8 labels of one row of the image; its length is a multiple of 8, at least w + 8.
         runs: (capacity, 4) int64 row, begin, end and label of each run.
         parent: (capacity,) int64 parents of the runs in the union-find forest.
-        found: (capacity, 11) float64 the pieces.
+        found: (capacity, 11) float64 the pieces: label, number of pixels, sums of x, y [px], xx, xy and yy [px²] over
+            the pixels, and bounds x0, y0, x1, y1, inclusive [px].
     """
 
     cells: UInt16

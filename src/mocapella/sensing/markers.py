@@ -58,6 +58,9 @@ class MarkerSettings:
         brighter: the report warns if the brightness differs from the profile's by more than this factor.
         chroma_drift: the report warns if u or v (see `colour_profile`) differs from the profile's by more.
         table: margins of the classification by colour.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     window_px: float = 40.0

@@ -65,6 +65,9 @@ class RegionSettings:
         fewest_px2: weight of the density common to both sides in each side's own density, as an area; it dominates a
             side with a smaller area [px²].
         median: whether a 3 × 3 median of the image removes single wrong pixels first.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     prior_weight: float = 0.05
@@ -322,6 +325,9 @@ def starting(prior: Silhouette, start: Silhouette) -> UInt8:
     """Return the initial contour at the prior's samples: (rows, columns) uint8, 1 inside.
 
     Samples beyond the window of ``start`` are inside if they are inside the prior.
+
+    Raises:
+        SettingsError: as `check_silhouette`, for ``start``.
     """
     inside: UInt8 = (prior.phi > 0).astype(np.uint8)
     check_silhouette(start, "start")
@@ -344,7 +350,7 @@ def starting(prior: Silhouette, start: Silhouette) -> UInt8:
 
 @cache
 def reading() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_reading_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_reading_kernels
 
     return region_reading_kernels
@@ -352,7 +358,7 @@ def reading() -> ModuleType:
 
 @cache
 def kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_contour_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_contour_kernels
 
     return region_contour_kernels
@@ -360,7 +366,7 @@ def kernels() -> ModuleType:
 
 @cache
 def cost_kernels() -> ModuleType:
-    """Import the compiled kernels, and with them numba, on first use."""
+    """Return the module `region_cost_kernels`; the first call imports it, and with it numba."""
     from mocapella.sensing import region_cost_kernels
 
     return region_cost_kernels

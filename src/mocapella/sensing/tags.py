@@ -49,9 +49,12 @@ class TagSettings:
         ids: numbers of the wanted tags; empty for all of the dictionary. Small dictionaries give false detections: name
             the wanted tags.
         sd_floor_px: least standard deviation of a corner: lens and print bend sides a little [px].
-        reach_px: greatest reach of the profiles across a side [px].
+        reach_px: greatest length of a profile across a tag's side, to either side of the expected edge [px].
         least_contrast: least difference of dark and light at a side, of 255; other sides are not measured [grey
             levels].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     dictionary: str = "APRILTAG_36H11"
@@ -193,7 +196,7 @@ def refined_corners(
         gray: (height, width) uint8.
         corners: (4, 2) approximate, in order round the square [px]; not modified.
         cells: number of cells along a side of the square; the outermost are dark.
-        reach_px: greatest reach across a side [px].
+        reach_px: greatest length of a profile across a side, to either side of the expected edge [px].
         least_contrast: least difference of dark and light at a side, of 255 [grey levels].
 
     Returns:

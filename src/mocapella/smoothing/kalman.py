@@ -34,6 +34,9 @@ class KalmanSettings:
         degrees_of_freedom: parameter of the Student-t weight of a measurement; smaller: outliers count less; infinity
             disables the weight [degrees of freedom].
         forget_after_s: time without a measurement after which a point is no longer predicted [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     acceleration_density: float = 8.0

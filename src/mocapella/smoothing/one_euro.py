@@ -32,6 +32,9 @@ class OneEuroSettings:
         forget_after_s: gap in a point's measurements above which its filter restarts at the next one [s].
         per_component: whether each coordinate is filtered by its own speed, as in the paper, rather than by the
             point's; without effect on people's joints.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     min_cutoff_hz: float = 1.0

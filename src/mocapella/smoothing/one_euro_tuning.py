@@ -189,10 +189,10 @@ def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
 
 
 def filtered(at_s: Float64, points: Float64, settings: OneEuroSettings) -> Float64:
-    """Filter a recording (frames, points, dimensions) with times (frames,) [s] by a new filter; NaN stays NaN.
+    """Filter a recording (frames, points, dimensions) with times (frames,) [s] by a new filter with ``settings``.
 
     Returns:
-        (frames, points, dimensions), a new array.
+        (frames, points, dimensions), a new array; NaN where the recording is NaN.
     """
     one_euro = OneEuro(settings)
     return np.stack([one_euro.update(frame, float(t)) for t, frame in zip(at_s, points, strict=True)])

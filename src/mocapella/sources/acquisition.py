@@ -39,6 +39,9 @@ class AcquisitionSettings:
         silent_s: time without an image after which a camera is reported as silent; also, time for which its images must
             have been equal before it is reported as frozen [s].
         close_s: longest wait for the thread to end when the acquisition is closed [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     retry_s: float = 0.5

@@ -63,10 +63,13 @@ class AzureKinectSettings:
 
     Attributes:
         fps: frame rate: 5, 15 or 30 [Hz].
-        processing: what finds the bodies: ``gpu``, ``cpu``, ``cuda``, ``tensorrt`` or ``directml``.
+        processing: execution of the body tracker's network: ``gpu``, ``cpu``, ``cuda``, ``tensorrt`` or ``directml``.
         mounted: how the sensor is turned, seen from in front of it: ``upright``, ``clockwise``, ``counterclockwise`` or
             ``upside-down``. It helps the tracker; positions stay in the camera's space.
         model: file of the tracker's network; the library's own if None.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     fps: int = 30

@@ -37,7 +37,11 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Address and limits of the bridge."""
+    """Address and limits of the bridge.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
 
     host: str = "127.0.0.1"
     """Name or address of this machine to listen at; the default accepts only programs on this machine."""

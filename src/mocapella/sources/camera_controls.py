@@ -44,6 +44,9 @@ class CameraWishes:
         fourcc: pixel format on the cable, such as MJPG, which many cameras need for a high rate.
         controls: exposure, gain and others, in the driver's own units, as OpenCV takes them; automatic exposure, white
             balance and focus are always switched off, also without any request. ``controls.automatic`` is ignored.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     size_px: tuple[int, int] | None = None

@@ -27,6 +27,9 @@ class DatagramSettings:
         start_to: address and port of the start command, for programs that wait for one; None sends none.
         start_text: the start command, ASCII.
         start_every: interval at which the start command is repeated while a camera is silent [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     cameras: tuple[tuple[str, int], ...]

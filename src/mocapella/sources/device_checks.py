@@ -12,7 +12,7 @@ from mocapella.sources.source import Finding
 
 
 def depth_cameras() -> Iterator[Finding]:
-    """Report for each kind of depth camera whether its driver package is installed; connected cameras are not sought.
+    """Yield for each kind of depth camera whether its driver package is installed; connected cameras are not sought.
 
     The packages come from the cameras' makers and are no extras of Mocapella.
     """
@@ -29,7 +29,7 @@ def depth_cameras() -> Iterator[Finding]:
 
 
 def azure_kinect() -> Iterator[Finding]:
-    """Report the vendor's libraries for an Azure Kinect or Orbbec Femto, without loading them."""
+    """Yield for each of the vendor's libraries for an Azure Kinect or Orbbec Femto whether it is found; load none."""
     for name, library in find_libraries().items():
         what = f"Azure Kinect lib{name}:"
         if library is None:
@@ -43,7 +43,7 @@ def azure_kinect() -> Iterator[Finding]:
 
 
 def cameras() -> Iterator[Finding]:
-    """Report the cameras that Linux lists as ``/dev/video*``; on other systems none is found."""
+    """Yield one finding: the cameras that Linux lists as ``/dev/video*``; on other systems none is found."""
     found = sorted(str(path) for path in Path("/dev").glob("video*"))
     if found:
         yield Finding("cameras", "ok", ", ".join(found))

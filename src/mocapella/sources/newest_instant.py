@@ -115,6 +115,9 @@ class NewestInstant:
     Args:
         cameras: names of the cameras.
         period_ns: frame period that is assumed until a camera's images show it [ns].
+
+    Raises:
+        SettingsError: ``period_ns`` is not above 0 and finite.
     """
 
     def __init__(self, cameras: Iterable[str], period_ns: float) -> None:

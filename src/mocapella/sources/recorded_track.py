@@ -43,7 +43,7 @@ class FrameOrder(NamedTuple):
     Attributes:
         kept: indices of the rows in the order of capture, then of bodies, without repeated ones.
         repeated: indices of the rows that repeat a body and instant, each after the row of ``kept`` that it repeats.
-        first: for each of ``repeated``, index of that row.
+        first: index of the row of ``kept`` that each of ``repeated`` repeats.
         starts: (frames + 1,), frame i has the rows ``kept[starts[i] : starts[i + 1]]``.
         sorted: number of kept rows that follow a newer row.
     """
@@ -56,7 +56,12 @@ class FrameOrder(NamedTuple):
 
 
 def order_rows(time_ns: NDArray[np.int64], ids: NDArray[np.int64]) -> FrameOrder:
-    """Sort rows into frames by their times (rows,) and bodies' numbers (rows,); of repeated rows, the first is kept."""
+    """Sort rows, each a body at an instant, into frames; of rows with equal body and time, the first is kept.
+
+    Args:
+        time_ns: (rows,) capture times [ns].
+        ids: (rows,) tracking ids of the bodies.
+    """
     order = np.lexsort((ids, time_ns))  # stable: of duplicates, the first in the file is first
     repeats = np.append(False, (np.diff(time_ns[order]) == 0) & (np.diff(ids[order]) == 0))
     kept = order[~repeats]

@@ -149,6 +149,9 @@ class LiveCameras:
         open_capture: replaces `cv2.VideoCapture` in tests.
         clock: the clock of the capture times, for all cameras [s].
 
+    Attributes:
+        lost: number of missing images by camera.
+
     Raises:
         InputError: a camera cannot be opened; the others are closed.
     """

@@ -16,7 +16,7 @@ def check_tracker(make: Callable[[], Tracker], arrivals: Sequence[Arrival]) -> l
 
     - The same arrivals give the same scenes to the bit, also after `reset`; a decoded scene encodes to the same bytes.
     - Scenes are numbered 0, 1, 2, …, and have the time of their arrival, and its frame's sensor, node and number.
-    - A new tracker that restores a snapshot makes the same further scenes, to the bit; checked at 0, 1/3 and 2/3.
+    - A new tracker that restores a snapshot makes the same further scenes, to the bit, after 0, 1/3, 2/3 of them.
     - `restore` raises `WireError` for bytes that are no snapshot, and the tracker is then reset.
     - The report counts each frame once, as kept or rejected.
 

@@ -66,6 +66,9 @@ class ArmTracksSettings:
         one_s: time for which the palms of two arms must stay within ``one_m`` before they are merged [s].
         gesture_margin: another gesture replaces the present one if its confidence, summed over the views, is higher by
             this; larger: gestures change more rarely [0 to 1].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     match: ArmMatchSettings = field(default_factory=ArmMatchSettings)

@@ -49,6 +49,9 @@ class ArmsSettings:
         silent_after_s: a camera without a frame for this long is not waited for [s].
         moved_m: a camera whose palms are on average farther than this from the mean of all cameras is reported as
             moved; larger: only larger moves are noticed [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     tracks: ArmTracksSettings = field(default_factory=ArmTracksSettings)

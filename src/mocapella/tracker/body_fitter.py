@@ -197,6 +197,9 @@ class BodyFitter:
 
         Returns:
             The fitted body; if no image shows it, its pose is the predicted one, and ``seen`` is empty.
+
+        Raises:
+            InputError, SettingsError: an image of another type or shape, or of another size than before.
         """
         others = others or {}
         s = self.settings

@@ -183,7 +183,7 @@ class DefaultTracker:
         self._calibration.layout = layout
 
     def layout(self) -> SensorLayout | None:
-        """Return the sensors' estimated poses, to be kept; None before people have confirmed the pose of a pair."""
+        """Return the sensors' estimated poses, to be kept; None before two sensors' relative pose is known."""
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:

@@ -35,6 +35,9 @@ class DefaultSettings:
         arms: people's arms in depth cameras, and the poses of these cameras.
         bodies: body models fitted to cameras' images, and their assignment to people.
         shown_for_s: time for which an unseen person is reported, as predicted [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     calibration: PeopleCalibrationSettings = field(default_factory=PeopleCalibrationSettings)

@@ -55,6 +55,9 @@ class FrameSyncSettings:
     Attributes:
         period_s: frame period of the cameras, used until their frames show it [s].
         silent_after_s: a camera without a frame for this long is not waited for [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     period_s: float = 1.0 / 30.0
@@ -169,12 +172,15 @@ class FrameSync:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Names of the cameras that are not waited for, in the order of ``cameras``."""
+        """Names of the cameras without a frame for ``silent_after_s``, in the order of ``cameras``.
+
+        No set waits for them.
+        """
         return tuple(name for name, camera in self._cameras.items() if self._is_silent(camera))
 
     @property
     def heard(self) -> tuple[str, ...]:
-        """Names of the cameras that send frames."""
+        """Names of the cameras that have sent a frame within ``silent_after_s``, in the order of ``cameras``."""
         return tuple(
             name for name, one in self._cameras.items() if one.heard_ns is not None and not self._is_silent(one)
         )

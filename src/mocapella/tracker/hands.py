@@ -80,6 +80,9 @@ class HandsSettings:
         grasp: detection of held objects.
         rig_fit: thresholds for reporting swapped cameras, or a rig that does not fit.
         silent_after_s: a camera without a frame for this long is not waited for [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     tips: tuple[str, str, str, str, str] = ("red", "yellow", "green", "blue", "magenta")

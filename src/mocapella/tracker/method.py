@@ -31,8 +31,10 @@ class Method:
         settings: the frozen dataclass of its settings.
         frame_types: classes of the frames that it accepts; others are rejected with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
-        make: creates a tracker.
-        warm_up_run: creates a tracker and frames that compile its kernels; None if nothing has to be compiled.
+        make: function that creates a tracker from its settings by name, the number of sensors to wait for, and the
+            sensors' tilt and height by name.
+        warm_up_run: function that creates a tracker, and arrivals that call all of its kernels, so that these are
+            compiled; None if nothing has to be compiled.
         warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``; they
             are compiled in other processes at the same time (`mocapella.live.compilation`).
         camera_rig: whether it needs the poses of calibrated cameras, as ``rig`` in its settings.

@@ -54,6 +54,9 @@ class TagPlace:
         side_m: side of its dark square [m].
         middle_m: its centre, in the object's frame [m].
         right, up: unit vectors in the object's frame: to the right and up in the tag's image, when it is upright.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     tag: int
@@ -92,6 +95,9 @@ class ObjectSettings:
         space: name of another tracker's frame of reference, for the poses of ``body``; see `mocapella calibrate space`.
         body: the other tracker's name of the object.
         origin_m: the object's origin, the centre of its box, in the frame of ``body`` [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     name: str

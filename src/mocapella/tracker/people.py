@@ -80,6 +80,9 @@ class PeopleSettings:
         swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
             joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     fusion: FusionSettings = field(default_factory=FusionSettings)
@@ -268,7 +271,10 @@ class People:
         return PeopleResults(*results)
 
     def conditions(self) -> list[str]:
-        """Return, for each row, where measurements and body model disagree for long; empty if nowhere."""
+        """Return a text for each row: the joints that sensors have long measured beyond the body model's limits.
+
+        The text is empty if there are none, and without an articulated body.
+        """
         if self._model is None:
             return [""] * len(self.numbers)
         return conditions_of(self._model, self.memory.body)

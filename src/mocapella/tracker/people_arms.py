@@ -42,6 +42,10 @@ class PeopleArmsSettings:
         rig: text of a camera rig file with one of these depth cameras and others beside it; empty for none.
         tracks: tracking and fusion of arms.
         owners: assignment to people.
+
+    Raises:
+        InputError: ``rig`` is no camera rig.
+        SettingsError: no camera of ``rig`` is in ``depth_of``; names the rig's cameras.
     """
 
     depth_of: dict[str, str] = field(default_factory=dict)

@@ -149,10 +149,15 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
 
 @njit(cache=True)
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
-    """Predict the people's Kalman filters to ``now_s`` on the common clock [s], in place; later states stay.
+    """Predict the people's Kalman filters to a time, in place; filters that are later already do not change.
 
     The velocity of a joint that no view has decays: the last frames before an occlusion often move the
     joints too fast.
+
+    Args:
+        now_s: the time, on the common clock [s].
+        points: the filters' states, updated.
+        parameters: parameters of the filters, of the views' age, and of the decay.
     """
     at_s, positions, velocities = points.at_s, points.positions, points.velocities
     variances, seen_s = points.variances, points.seen_s

@@ -264,7 +264,9 @@ class PeopleMemory:
         )
 
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
-        """Check the arrays of a snapshot; a ``body`` of another version's size is replaced by one without data.
+        """Check the arrays of a snapshot; replace the attribute ``body`` of another version's size by one without data.
+
+        The arguments are as in `empty`.
 
         Raises:
             ValueError: an array has a wrong shape or type; names it.

@@ -44,6 +44,9 @@ class Steadiness:
             visible and moves all of it [ratio].
         turn_rad_per_s: standard deviation of the speed, not acceleration, of a limb's rotation about itself, which is
             hardly visible if the limb is straight; larger: less lag, more jitter [rad/s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     point_m_per_s2: float = 24.0
@@ -108,6 +111,9 @@ class SilhouetteSettings:
             fewer images are rejected [0 to 1].
         something_else_s: after being rejected for so long, an image becomes the new background, because the light has
             changed or the camera has moved [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     steadiness: Steadiness | None = field(default_factory=Steadiness)

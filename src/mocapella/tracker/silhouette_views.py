@@ -25,8 +25,8 @@ class SeenBody(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         fit: pose, landmarks, and outlines by camera; for a lost body in its waiting pose, see `body_presence`.
         lost: whether the person is absent: not yet arrived, or gone.
-        waits: silhouette of a lost body's mesh in its waiting pose, by camera in whose image that pose is; empty for a
-            present body.
+        waits: silhouette of a lost body's mesh in its waiting pose, by camera; without the cameras whose images do not
+            contain that pose. Empty for a present body.
     """
 
     fit: FittedBody

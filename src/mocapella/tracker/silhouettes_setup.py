@@ -39,6 +39,9 @@ class BodyStartSetup:
     Attributes:
         root_twist: twist of T_world_model: translation part [m], then rotation vector [rad].
         angles: joint angles, by joint name; joints that are not named are at 0 [rad].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     root_twist: tuple[float, float, float, float, float, float]

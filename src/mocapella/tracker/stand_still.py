@@ -39,6 +39,9 @@ class StandStillTrackerSettings(StandStillSettings):
         regain_within_m: a body with a new tracking id is a person whom its sensor had lost, if it is nearer than this
             to the person's last position; 0 makes every new tracking id a new person [m].
         silent_after_s: a sensor without a frame for this long is left out of the fusion until its next frame [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     max_distance_m: float = float("inf")

@@ -128,7 +128,7 @@ def frame(
         fov: vertical field of view [rad].
         aspect: width of the canvas over its height.
         elevation: angle between the camera's axis and the horizontal, downwards positive [rad].
-        margin: size of the image relative to the necessary one.
+        margin: height and width of the view relative to the smallest that contains the points; above 1 leaves a border.
         lowest: height in the canvas below which other elements cover it, from −1 (lower border) to 1 (upper border).
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])

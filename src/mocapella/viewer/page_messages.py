@@ -45,7 +45,17 @@ class _PageMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 
 
 class ViewerCameraMessage(_PageMessage, frozen=True):
-    """The browser's camera has moved, or its canvas has another size."""
+    """The browser's camera has moved, or its canvas has another size.
+
+    Attributes:
+        wxyz: orientation of the camera in the view's space, a quaternion.
+        position: position of the camera in the view's space [m].
+        fov: vertical field of view [rad].
+        near, far: distances of the clipping planes [m].
+        image_height, image_width: size of the canvas [px].
+        look_at: point that the camera looks at, in the view's space [m].
+        up_direction: upward direction of the camera, of any length above 0.
+    """
 
     wxyz: tuple[_Number, _Number, _Number, _Number]
     position: _Vector
@@ -63,7 +73,12 @@ class ViewerCameraMessage(_PageMessage, frozen=True):
 
 
 class GuiUpdateMessage(_PageMessage, frozen=True):
-    """A control has been used; `mocapella.viewer.gui_guard` checks whether it may take the value."""
+    """A control has been used; `mocapella.viewer.gui_guard` checks whether it may take the value.
+
+    Attributes:
+        uuid: viser's id of the control.
+        updates: the new value under the only key ``value``.
+    """
 
     uuid: Annotated[str, Meta(max_length=_LONGEST_ID)]
     updates: dict[str, Any]
@@ -79,7 +94,14 @@ class GuiUpdateMessage(_PageMessage, frozen=True):
 
 
 class ScenePointerMessage(_PageMessage, frozen=True):
-    """The 3D scene was clicked."""
+    """The 3D scene was clicked.
+
+    Attributes:
+        event_type: always ``click``.
+        ray_origin, ray_direction: the ray through the clicked point, in the view's space [m].
+        screen_pos: position of the click on the canvas, in viser's coordinates; not used.
+        modifier: modifier keys that were held, such as ``shift``; None for none.
+    """
 
     event_type: Literal["click"]
     ray_origin: _Vector

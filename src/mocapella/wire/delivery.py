@@ -32,7 +32,8 @@ class FrameRequest(msgspec.Struct, frozen=True, omit_defaults=True):
         take: identity of the take.
         stored: every frame below this number that belongs to the take is on the disk, or lost; None before the first
             number is agreed.
-        age_ns: time since the take began [ns], while ``stored`` is None; the node answers with its first frame since.
+        age_ns: time since the take began [ns]; while ``stored`` is None, the node finds its first frame of the take by
+            it, and answers with the frame's number (`FrameAnswer.first`).
         end: number after the last frame that belongs to the take; None while it goes on.
         closed: whether the take is closed, so that no more frames are requested.
         wanted: (first, last) of each range of frames to send.

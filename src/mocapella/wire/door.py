@@ -37,7 +37,7 @@ class KeyedAddress(NamedTuple):
 
 
 def find_door(connect: str, users: Sequence[str]) -> KeyedAddress:
-    """Find the address of a server, and the key for it. For a server on this machine, a missing session key is made.
+    """Return the address of a server with the key for it; make a missing session key if it is on this machine.
 
     Args:
         connect: ``[SESSION@]tls/HOST:PORT``, a pairing code, or a file with one.

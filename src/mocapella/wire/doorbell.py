@@ -72,7 +72,7 @@ class Doorbell:
         address: address of the server.
         key: key of the server's session.
         note: called with a message at the first ring of each program with a wrong or unknown key, on that thread.
-        guard: calls the function that answers a ring, and catches its unexpected errors.
+        guard: function that calls its argument, a function that answers a ring, and catches unexpected errors.
 
     Attributes:
         refused: number of rings with a wrong or unknown key.

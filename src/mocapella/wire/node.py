@@ -75,7 +75,8 @@ class NodeLink:
         connect: address of the server, a pairing code, or a file with one.
         sensor: name of the sensor.
         history_frames: number of frames to keep in memory for a recording server.
-        spool: returns the node's spool, for frames of an open take that do not fit into memory; None drops them.
+        spool: function of the attribute ``node`` that returns the node's spool, for frames of an open take that do not
+            fit into memory; None drops them.
         say: receives messages about frames that are not stored.
 
     Attributes:
@@ -93,6 +94,7 @@ class NodeLink:
     Raises:
         BusError: ``connect`` is no address.
         KeyFileError: there is no key for it, or it is of another sensor.
+        SettingsError: ``SESSION`` in ``connect`` is no name of a session.
     """
 
     def __init__(
@@ -167,7 +169,13 @@ class NodeLink:
         return stamped
 
     def answer(self, on_question: OnQuestion) -> None:
-        """Pass queries to this node to ``on_question`` from now on; it must return quickly: it runs on a bus thread."""
+        """Pass the queries that arrive for this node to a function from now on.
+
+        Args:
+            on_question: called for each query, on a thread of the bus, so it must return quickly. Its arguments are the
+                encoded query (`mocapella.wire.questions`) and a function that sends the encoded answer, which may be
+                called later, on any thread.
+        """
         key = keys.of_node("ask", self.node)
 
         def callback(query: zenoh.Query) -> None:

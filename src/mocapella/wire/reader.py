@@ -139,7 +139,12 @@ def send_command(
 ) -> CommandReply:
     """Send a command, and wait until it is carried out or refused.
 
-    ``program`` names the sender; a take stores it with the names of the account and the machine.
+    Args:
+        session: open session of a reader (`mocapella.wire.session.open_reader`).
+        verb: the command, such as ``recalibrate``.
+        arguments: the command's arguments by name.
+        timeout: longest wait for the reply [s].
+        program: name of the sender; a take stores it with the names of the account and the machine.
 
     Returns:
         The server's reply; a refusal has ``ok`` False and the reason.

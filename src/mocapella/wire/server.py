@@ -82,8 +82,9 @@ class ServerLink:
 
     Raises:
         AddressInUseError: another program listens there.
-        BusError: it cannot listen there for another reason.
+        BusError: ``listen`` is no address, or it cannot listen there for another reason.
         KeyFileError: the session's key cannot be used.
+        SettingsError: ``SESSION`` is no name of a session.
     """
 
     def __init__(self, listen: str, *, on_nonsense: OnNonsense, errors: Boundary | None = None) -> None:
@@ -118,7 +119,19 @@ class ServerLink:
     ) -> None:
         """Receive messages of nodes and commands, and declare the server's liveliness token.
 
-        The callbacks run on the bus's threads until `close`. ``on_alive`` is also called for the nodes already present.
+        The callbacks run on the bus's threads until `close`.
+
+        Args:
+            on_frame: called for each live frame, with its node, its encoded bytes, and its arrival on the server's
+                monotonic clock [ns].
+            on_truth: called likewise for each ground truth of a simulated frame.
+            on_alive: called with a node, and True when it connects, False when it disconnects; with True also for each
+                node that is connected already.
+            on_command: called for each command, with its verb, its arguments by name, and the function that sends the
+                reply.
+            on_join: called for each node that asks to serve its sensor, with the node, the arguments of its query by
+                name, and the function that sends the reply.
+            on_leave: called likewise for each node that is about to leave.
         """
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [
@@ -154,8 +167,15 @@ class ServerLink:
     ) -> None:
         """Tell a node which of its frames are stored, and ask for those that are missing; return at once.
 
-        ``on_frame`` is called with each frame in order, then ``on_answer`` with the node's state, if it answers within
-        `REQUEST_TIMEOUT_S`; finally, in any case, ``on_end``. Their unexpected errors are caught by ``errors``.
+        The callbacks run on the bus's threads; ``errors`` catches their unexpected errors.
+
+        Args:
+            node: the node to ask.
+            request: the numbers of the stored frames and of the missing ones.
+            on_frame: called for each frame that the node sends, in order, with the node, the encoded bytes, and the
+                arrival on the server's monotonic clock [ns].
+            on_answer: called with the node's state after its frames, if it comes within `REQUEST_TIMEOUT_S`.
+            on_end: called last, without arguments, whether or not the node answers.
         """
         on_end = self.errors.wrap("end of an answer", on_end)
 

@@ -32,8 +32,9 @@ def open_server(listen: str) -> zenoh.Session:
 
     Raises:
         AddressInUseError: another program listens there.
-        BusError: it cannot listen there for another reason.
+        BusError: ``listen`` is no address, or it cannot listen there for another reason.
         KeyFileError: the session's key cannot be used.
+        SettingsError: ``SESSION`` is no name of a session.
     """
     address = parse_address(listen)
     key = session_key(session_name(address.session))
@@ -88,6 +89,7 @@ def open_reader(connect: str, timeout: float = 3.0) -> zenoh.Session:
         NotAdmittedError: the server there is of another session, or does not know the key.
         BusError: ``connect`` is no address.
         KeyFileError: there is no key for it, or the key is damaged.
+        SettingsError: ``SESSION`` is no name of a session.
     """
     return open_client_at(find_door(connect, READERS), timeout)
 

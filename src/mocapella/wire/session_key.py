@@ -86,7 +86,11 @@ def session_name(named: str = "") -> str:
 
 
 def session_file(session: str) -> Path:
-    """Return the path of the file with a session's key, which may not exist yet."""
+    """Return the path of the file with a session's key, which may not exist yet.
+
+    Raises:
+        KeyFileError: the user has no home folder.
+    """
     return key_folder() / f"{session}.json"
 
 

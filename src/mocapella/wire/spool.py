@@ -73,7 +73,10 @@ class Spooler:
 
     @property
     def missing(self) -> int:
-        """Number of frames that takes lack at their end, whether they are in ``kept`` files or lost."""
+        """Number of frames that no server has stored, of takes whose claim was given up: in ``kept`` files, or lost.
+
+        A claim is given up when its take is closed, when its server has not asked for `NEGLECTED_S`, and in `close`.
+        """
         return sum(self._missing.values())
 
     def begin(self) -> None:

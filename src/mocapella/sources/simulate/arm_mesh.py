@@ -79,6 +79,9 @@ class ArmShape:
         forearm_m, upper_arm_m: lengths of forearm and upper arm from joint to joint [m].
         forearm_thickness: thickness of the forearm, relative to the reference.
         sleeve_from_m: distance of the sleeve's end from the wrist; 0 for a bare arm [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     hand_length_m: float = 0.189
@@ -108,7 +111,11 @@ class ArmShape:
         return finger_radii(self.hand_length_m, self.finger_thickness)
 
     def hand(self, handedness: Handedness) -> HandShape:
-        """Return the hand's bones, as `mocapella.model.hand` describes them; longer fingers shorten the palm."""
+        """Return the hand's bones, as `mocapella.model.hand` describes them; longer fingers shorten the palm.
+
+        Raises:
+            SettingsError: the hand's size is not human.
+        """
         model = hand_model("full")
         shape = model.shape(handedness, hand_length_m=self.hand_length_m, hand_breadth_m=self.hand_breadth_m)
         lengths = shape.lengths.copy()

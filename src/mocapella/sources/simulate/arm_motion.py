@@ -76,6 +76,9 @@ class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         roll_deg: rotation of the whole arm about the viewing direction through `ArmMotion.middle`, clockwise [deg].
         turn_deg: rotation of the whole arm about its shoulder, as a rotation vector in the camera frame [deg].
         shift_m: translation of the whole arm, in the camera frame [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     posture: str = "open"

@@ -37,6 +37,9 @@ class CameraImageSettings:
         white_balance: gains of (red, green, blue) after the sensor.
         saturation: factor of a colour's distance from grey; 1 keeps colours.
         shared_chroma: whether 2 × 2 pixels share their chroma.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     exposure: float = 0.8

@@ -47,6 +47,9 @@ class ClothSettings:
         thickness_m: distance that the cloth keeps from a hand [m].
         friction: Coulomb's friction coefficient on a hand.
         reach_m: a closing hand grabs the particles within this distance of its palm or fingertips [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     width_m: float = 0.42

@@ -42,6 +42,9 @@ class Corruption:
         wrong_from: index of the first frame that may be wrong by these probabilities.
         wrong_kind: one of `WRONG`; None for a random one.
         seed: random seed of all choices.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     noise: float = 0.0

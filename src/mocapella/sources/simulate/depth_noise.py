@@ -50,6 +50,9 @@ class StructuredLight:
         steep_deg: angle of incidence from which some pixels are lost, and angle from which all are lost [deg].
         dropout: fraction of all pixels that are lost at random.
         baseline_m: position of the projector along the camera's x axis [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     least_m: float = 0.4
@@ -99,6 +102,9 @@ class TimeOfFlight:
         wiggle_m: amplitude of the periodic error [m].
         wiggle_hz: modulation frequency that causes the periodic error [Hz].
         dropout: fraction of all pixels that are lost at random.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     least_m: float = 0.4

@@ -97,9 +97,10 @@ class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         person: whether the arm's person is visible.
         behind: background: empty, wall or desk; empty text for a random one.
         arms: number of arms, one or two.
-        still: whether the tempo of the keys is kept.
+        still: whether the motion has the tempo of the keys, instead of a random one near it.
         peak_m_s: the palm's greatest speed [m/s]; 0 for that of the keys.
-        before_torso_m: least and greatest distance from the arm to the torso behind it [m]; None for the arm's own.
+        before_torso_m: least and greatest distance from the arm to the torso behind it [m]; None leaves the torso at
+            the arm's shoulder.
         roll_deg: least and greatest lean of the arm to the side [deg].
         pitch_deg: least and greatest angle by which the elbow is behind the hand [deg].
         joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning [deg].
@@ -421,7 +422,13 @@ _ENDS: Final = _ends()
 
 
 def shot_frame(shot: DepthShot, sensor: str, *, sequence: int = 0, node_id: int = 0) -> DepthFrame:
-    """Convert a simulated depth image to a frame of ``sensor``, whose capture time is the image's time [ns]."""
+    """Return a simulated depth image as a frame, whose capture time is the image's time in the scene [ns].
+
+    Args:
+        shot: the image.
+        sensor: name of the sensor.
+        sequence, node_id: number of the frame, and id of the node.
+    """
     return frame_of(
         sensor, shot.depth, unit_m=shot.unit_m, lens=shot.lens, time_ns=round(1e9 * shot.at_s), node_id=node_id,
         sequence=sequence,

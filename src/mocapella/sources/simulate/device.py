@@ -32,6 +32,9 @@ class Noise:
         lateral_px: standard deviation across the image [px], the same at every distance.
         inferred_gain: factor of the noise of an inferred joint.
         inferred_bias: length of the constant error of an inferred joint, in a random direction per joint [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     axial_gain: float = 1.5
@@ -72,6 +75,9 @@ class SensorSettings:
         noise: noise of the joints, if ``errors`` is ``model``.
         errors: ``model``, or ``kinect-v2-measured``: `mocapella.sources.simulate.measured` in place of ``noise`` and
             ``mirror_beyond_deg``, with its losses of people and its errors of tilt and height.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     name: str

@@ -107,7 +107,8 @@ def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProf
         from_s: time of the first image that is tried [s].
 
     Raises:
-        SettingsError: there are too few images with all markers visible.
+        SettingsError: there are too few images with all markers visible, or the camera is unknown.
+        InputError: a marker's colour cannot be learnt from the images.
     """
     samples: list[ColourSample] = []
     calm = HandMotionSettings(scene.settings.motion.centre_m, (0.03, 0.02, 0.03), turn_deg=(6, 6, 6), bend=0, spread=0)

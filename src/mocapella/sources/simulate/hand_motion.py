@@ -35,6 +35,9 @@ class HandMotionSettings:
         posture_s: time from one posture to the next [s].
         bend: range of the flexions, from 0 (a hand at rest) to 1 (all within the joint limits).
         spread: range of the abductions, likewise from 0 to 1.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)

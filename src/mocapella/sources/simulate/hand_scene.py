@@ -62,6 +62,9 @@ class SimulatedCamera:
         readout_s: readout time from the first row to the last; 0 is a global shutter [s].
         exposure_s: exposure time of a row [s].
         image: parameters of the simulated image sensor.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     name: str
@@ -131,6 +134,9 @@ class HandSceneSettings:
         colour_change: greatest relative change of the light's red and blue.
         shading: fraction of the light that is directed, 0 to 1.
         light_hz: frequency of the light's changes [Hz].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     cameras: tuple[SimulatedCamera, ...]
@@ -202,6 +208,9 @@ class HandScene:
         model, shape: model of the hand's joints, and the hand's bones.
         motion: motion of the hand.
         cameras: the cameras by name.
+
+    Raises:
+        SettingsError: the hand's size is not human.
     """
 
     def __init__(self, settings: HandSceneSettings, seed: int = 0) -> None:

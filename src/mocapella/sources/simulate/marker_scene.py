@@ -51,7 +51,11 @@ _BASE: Final = (0.0, -0.35)
 
 @dataclass(frozen=True)
 class Paint:
-    """A marker's paint: its name, its reflectance of red, green and blue from 0 to 1, and its gloss."""
+    """A marker's paint: its name, its reflectance of red, green and blue from 0 to 1, and its gloss.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
 
     name: str
     albedo: tuple[float, float, float]
@@ -87,6 +91,9 @@ class MarkerSceneSettings:
         hides: whether an object passes in front of the hand.
         hand: whether the hand is in the scene.
         camera: parameters of the simulated camera.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     paints: tuple[Paint, ...]

@@ -24,6 +24,9 @@ class Box:
         centre: centre of its base (world x, z) [m].
         size: edges along its own x, up, and its own z [m].
         yaw_deg: rotation about the vertical axis, from z towards x [deg].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     centre: tuple[float, float]
@@ -41,6 +44,9 @@ class Cylinder:
     Attributes:
         centre: centre of its base (world x, z) [m].
         radius, height: size of the cylinder [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     centre: tuple[float, float]
@@ -66,7 +72,7 @@ class Obstacles:
 
 
 def obstacles(boxes: tuple[Box, ...], cylinders: tuple[Cylinder, ...]) -> Obstacles:
-    """Convert obstacles to arrays, for `hidden`; without any, the arrays have no rows."""
+    """Return boxes and pillars as arrays, for `hidden`; without any, the arrays have no rows."""
     rows = [
         (*box.centre, box.size[0] / 2, box.size[1], box.size[2] / 2, np.cos(yaw), np.sin(yaw))
         for box, yaw in ((box, np.radians(box.yaw_deg)) for box in boxes)

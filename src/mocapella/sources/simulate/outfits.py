@@ -39,6 +39,9 @@ class Garment:
         second: reflectance of the pattern's other colour.
         size_m: size of the pattern [m].
         shine: gloss of the surface.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     pattern: str
@@ -63,6 +66,9 @@ class Outfit:
         shirt, trousers, shoes, skin, hair: pattern and colours of each.
         sleeve: length of the sleeves, as a fraction of the arm from shoulder to wrist; 0 for none.
         leg: length of the trousers, as a fraction of the leg from hip to ankle.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     shirt: Garment

@@ -39,6 +39,9 @@ class PersonSettings:
         stature: height of the person [m].
         bvh: path of a BVH file whose motion replaces the scenario.
         bvh_metres_per_unit: unit of the BVH file [m]; None scales its motion to the stature.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     start: tuple[float, float]
@@ -65,6 +68,9 @@ class SceneSettings:
         people, boxes, cylinders: people and obstacles in the room.
         seed: random seed of noise, losses, jitter and breathing.
         topology: name of the topology of the sensors' frames.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     name: str

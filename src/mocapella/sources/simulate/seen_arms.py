@@ -31,6 +31,9 @@ class SeenArmSettings:
         lasts_s: time constant of the errors of inferred joints [s].
         left_sure: reported confidence of the side, from 0.5 to 1.
         wrong_side: fraction of the frames with the wrong side, 0 to 1.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     measured_sd_m: float = 0.004

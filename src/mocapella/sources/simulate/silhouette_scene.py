@@ -63,6 +63,9 @@ class CameraLook:
         flicker: relative standard deviation of the brightness from image to image.
         drift: greatest relative change of the brightness, in a wave with a period of ten seconds.
         exposure_s: exposure time; 0 gives no motion blur [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     exposure: float = 0.75
