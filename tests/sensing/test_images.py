@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.images import image_frame
+from mocapella.schema import decode_frame, encode_frame
 from mocapella.sensing.images import decode_image, encode_image
 
 
@@ -34,6 +35,16 @@ def test_a_png_comes_back_as_it_was_and_a_jpeg_nearly(width, height, seed):
     near = decode_image(encoded(image, "jpeg"))
     assert near.shape == image.shape
     assert np.abs(near.astype(int) - image).mean() < 20
+
+
+@pytest.mark.parametrize("format", ["raw", "jpeg", "png"])
+def test_an_image_of_a_message_is_an_array_for_which_kernels_are_compiled(format):
+    """Read-only arrays would be another type: all kernels would be compiled again in the middle of a session."""
+    image = picture()
+    frame = image_frame("left", image, time_ns=5) if format == "raw" else encoded(image, format)
+    flags = decode_image(decode_frame(encode_frame(frame))).flags
+    assert flags.c_contiguous
+    assert flags.writeable
 
 
 def test_a_raw_image_is_not_copied():
