@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.take_making import small_take
 
 from mocapella.cli.recordings import LATE_NS, due_times, find_recording, is_take, open_recording
 from mocapella.errors import InputError, SettingsError
@@ -75,6 +76,19 @@ def test_a_take_that_was_mended_is_replayed_in_the_order_of_capture(tmp_path: Pa
     assert [frame.frame.time_ns for frame in due] == [k * STEP + AHEAD for k in (*range(10), 11, 12)]
     with pytest.raises(SettingsError, match="no sensor 'side'; it has front"):
         open_recording(path).due_frames("side")
+
+
+@pytest.mark.parametrize(("stored", "differing"), [(24, 24), (20, 24), (30, 30)])
+def test_a_scene_that_differs_is_missing_or_is_new_counts_once(
+    stored: int, differing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The 24 frames of a take whose scenes no tracker has made, with some of these scenes left out or added."""
+    recorded = open_recording(small_take(tmp_path / "a.mcap"))
+    scenes = list(recorded._take.scenes())
+    monkeypatch.setattr(recorded._take, "scenes", lambda: iter((scenes * 2)[:stored]))
+    monkeypatch.setattr(type(recorded._take), "scene_count", stored)
+    notes = recorded.replay(lambda scene: None).notes
+    assert (notes["recorded_scenes"], notes["differing_scenes"]) == (stored, differing)
 
 
 def test_a_take_is_found_without_its_suffix_and_in_the_folder_of_takes(

@@ -21,7 +21,6 @@ from mocapella.tracker.silhouette_start import (
     check_joints,
     joints_of_points,
     start_pose,
-    upright,
 )
 
 MESH = somebody()
@@ -104,7 +103,7 @@ def test_a_body_is_as_large_as_its_joints_and_stands_where_they_are():
     at = dict(zip(body.mesh.landmarks, landmarks_at(body.mesh, pose), strict=True))
     assert max(np.linalg.norm(at[name] - joints[name]) for name in NEEDED["male"]) < 0.02
     assert np.ptp(body.mesh.vertices[:, 1]) == pytest.approx(np.ptp(MESH.vertices[:, 1]), rel=0.05)
-    np.testing.assert_array_equal(upright(body.mesh, pose), [0, 1, 0])
+    np.testing.assert_allclose(pose.T_world_model[:3, 1], [0, 1, 0], atol=0.2)  # upright
     assert cameras_that_see(body.mesh, pose, RIG) == ["c1", "c2", "c3"]
 
 

@@ -427,7 +427,7 @@ class RecordedTake:
             on_scene: called with each scene.
 
         Returns:
-            The counts; ``differing_scenes`` in its ``notes`` is above 0 if a scene differs, is missing or is new.
+            The counts; ``differing_scenes`` in its ``notes`` counts the scenes that differ, are missing or are new.
         """
         recorded = (encode_scene(scene) for _, scene in self._take.scenes())
         differing = 0
@@ -447,7 +447,7 @@ class RecordedTake:
         missing = self._take.scene_count - summary.scenes_out
         notes = {
             "recorded_scenes": self._take.scene_count,
-            "differing_scenes": differing + abs(missing),
+            "differing_scenes": differing + max(missing, 0),  # new scenes differ from none
             "unusable": dict(unusable),
             "clean": self._take.clean,
             "damaged": self._take.damaged or bool(commands),

@@ -270,18 +270,6 @@ def cameras_that_see(mesh: RiggedMesh, pose: TreePose, rig: CameraRig) -> list[s
     return found
 
 
-def upright(mesh: RiggedMesh, pose: TreePose) -> Float64:
-    """Return the signed world axis (3,), such as (0, 1, 0), that is nearest to the upward direction of a posed body.
-
-    The upward direction is the y axis of the model; ``mesh`` is not used.
-    """
-    up = pose.T_world_model[:3, 1]
-    axis = int(np.argmax(np.abs(up)))
-    out = np.zeros(3)
-    out[axis] = np.sign(up[axis])
-    return out
-
-
 def _landmark(name: str) -> str:
     """Return the landmark that a point's name denotes; empty for none."""
     if name in NO_LANDMARKS:
