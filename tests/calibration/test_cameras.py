@@ -110,6 +110,7 @@ def test_the_quality_that_is_expected_is_the_one_that_is_measured() -> None:
     assert abs(fresh.scale_percent) < 0.1
 
 
+@pytest.mark.slow
 def test_corners_that_are_elsewhere_do_not_count() -> None:
     filmed = film(noise_px=0.1, seed=5)
     rng = np.random.default_rng(1)

@@ -71,6 +71,7 @@ def test_without_noise_the_motion_is_exact() -> None:
     assert pair.estimate().trusted
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_moving_a_sensors_frame_moves_the_result_with_it(seed: int) -> None:
@@ -256,6 +257,7 @@ def test_frames_out_of_order_and_gaps_are_left_out() -> None:
     np.testing.assert_allclose(pair.T_a_b, TRUTH, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_somebody_who_stands_for_a_minute_does_not_wear_the_estimate_out() -> None:
     a, b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01)
     pair = calibrated(a, b, {0: WALKER}, 10)
@@ -296,6 +298,7 @@ def test_the_covariance_is_that_of_the_errors() -> None:
     assert np.mean(sds) < 4 * np.sqrt(np.mean(np.square(angles)))
 
 
+@pytest.mark.slow
 def test_four_times_the_frames_of_the_same_errors_are_no_more_samples() -> None:
     few, many = (
         calibrated(Biased("a", FRONT), Sensor("b", SIDE), {0: WALKER}, 15, rate_hz=rate).estimate()

@@ -75,6 +75,7 @@ def test_a_frame_does_a_bounded_part_of_a_refresh() -> None:
     assert all(sensor.trusted and sensor.root == "s0" for sensor in calibration.state.sensors.values())
 
 
+@pytest.mark.slow
 def test_the_steps_together_give_what_a_whole_refresh_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     calibration = PeopleCalibration()
     for k, (bodies, at_ns) in enumerate(frames()):

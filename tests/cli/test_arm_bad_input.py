@@ -102,6 +102,7 @@ def test_a_hand_that_fills_the_image_is_found_or_said(tmp_path: Path) -> None:
             assert min(away_m(arm, shot) for arm in frame["arms"]) < 0.05
 
 
+@pytest.mark.slow
 def test_two_people_have_an_arm_each(tmp_path: Path) -> None:
     """Two different people beside each other, each with a body and one arm."""
     pairs = list(zip(shots("open-close", 2, 2, aside_m=-0.2), shots("open-close", 4, 2, aside_m=0.2), strict=True))

@@ -73,6 +73,7 @@ def test_serve_tells_once_with_its_view_and_tracks(packages: Path, tmp_path: Pat
     assert skipped(serve.output) == SKIPPED
 
 
+@pytest.mark.slow
 def test_a_view_of_its_own_tells(packages: Path, tmp_path: Path) -> None:
     address = f"tcp/127.0.0.1:{free_port()}"
     with Program(tmp_path, "view", "view", "--connect", address, "--view-port", str(free_port())) as view:
@@ -88,6 +89,7 @@ def test_a_process_that_ours_started_does_not_tell_again(
     assert skipped(run(tmp_path, "node", "good").stderr) == []
 
 
+@pytest.mark.slow
 def test_the_doctor_has_a_finding_for_each(packages: Path, tmp_path: Path) -> None:
     findings = [one for one in result(tmp_path, "doctor") if one["what"] == "plug-in lamps 1.0"]
     assert [one["found"] for one in findings if one["verdict"] == "ok"] == ["source good"]
@@ -97,6 +99,7 @@ def test_the_doctor_has_a_finding_for_each(packages: Path, tmp_path: Path) -> No
     assert notes["mocapella.sources later"]["advice"] == "update the package or Mocapella"
 
 
+@pytest.mark.slow
 def test_a_source_whose_look_fails_costs_the_doctor_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = source_text("torch").replace("command=", 'looks="torch_lamp:look", command=')
     points = {"mocapella.sources": {"torch": "torch_lamp:SOURCE"}}

@@ -75,6 +75,7 @@ def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: P
     assert f"sensors: 2, frames in: {row['frames_in']}, " in done.stderr
 
 
+@pytest.mark.slow
 def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
         tmp_path, "demo", "hands", "--no-view", "--seconds", "6", "--record", "./hand", "--port", str(free_port())
@@ -87,6 +88,7 @@ def test_the_demo_of_hands_finds_one_and_its_take_replays_as_it_was(tmp_path: Pa
     assert f"all {summary['frames_out']} results identical to the live run" in again.stderr
 
 
+@pytest.mark.slow
 def test_the_demo_of_an_arm_finds_it_and_its_take_replays_as_it_was(tmp_path: Path) -> None:
     summary = result(
         tmp_path, "demo", "arm", "--no-view", "--seconds", "15", "--record", "./arm", "--port", str(free_port())

@@ -110,6 +110,7 @@ def wait_for_more(folder, count):
     wait_until("more frames", lambda: seen(folder) >= wanted)
 
 
+@pytest.mark.slow
 def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, folder):
     scene = stage.scene
     with stage.streams() as streams:
@@ -284,6 +285,7 @@ def test_what_asks_for_no_file_leaves_none_and_what_fails_says_where_its_frames_
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_films_as_if_they_were_cameras_end_by_themselves(films):
     found, said = ran(films, *FILMS, "--set", "live=true", "--fps", str(HZ))
     assert "following until Ctrl-C" in said

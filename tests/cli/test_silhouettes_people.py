@@ -62,6 +62,7 @@ def off_m(found, person, k):
     return np.median([np.linalg.norm(np.subtract(place, truth[name])) for name, place in at.items()])
 
 
+@pytest.mark.slow
 def test_two_people_are_followed_and_written_by_name(found):
     assert (found["format"], found["version"]) == ("mocapella followed people", 1)
     assert list(found["people"]) == list(NAMES)

@@ -65,6 +65,7 @@ def test_the_results_are_those_without_a_take(made: Path) -> None:
             assert place == pytest.approx(same["joints"][joint], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_video_that_changed_or_is_gone_is_named(made: Path) -> None:
     image = made / "films" / "c2" / "0003.png"
     content = image.read_bytes()

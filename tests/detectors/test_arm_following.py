@@ -166,6 +166,7 @@ def test_an_arm_that_was_away_is_found_in_the_first_image() -> None:
     assert np.median(np.linalg.norm(back.points - truth.points, axis=1)[[*TIPS]]) < 0.010
 
 
+@pytest.mark.slow
 def test_two_hands_have_two_ids_and_sides() -> None:
     camera, shots = clip("two-hands", "exact", 2, 6)
     for shot, seen in zip(shots, told(KinematicArmDetector(camera), shots), strict=True):
@@ -223,6 +224,7 @@ def test_a_further_arm_is_looked_for_where_it_comes_and_nowhere_where_nothing_do
     assert (pixels[:, 0] > columns.start).all()
 
 
+@pytest.mark.slow
 def test_of_places_on_an_arm_that_was_found_none_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
     finder, depth = KinematicArmDetector(camera).finder, metres(shots[0])

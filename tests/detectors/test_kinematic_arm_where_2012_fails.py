@@ -71,6 +71,7 @@ def test_fingers_that_touch_keep_their_names() -> None:
     assert ours["tip_p95_mm"] < 20
 
 
+@pytest.mark.slow
 def test_a_closed_fist_has_no_extra_finger_and_opens_with_the_same_names() -> None:
     made = clip("fist", 3, 0, 45, 2)
     ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)
@@ -81,6 +82,7 @@ def test_a_closed_fist_has_no_extra_finger_and_opens_with_the_same_names() -> No
     assert ours["longest_loss_frames"] == 0
 
 
+@pytest.mark.slow
 def test_rotation_loses_neither_elbow_nor_order() -> None:
     made = clip("rotation", 5, 24, 99, 2)
     ours, theirs = table("kinematic-arm", made), table("line-skeleton", made)

@@ -92,6 +92,7 @@ def test_rendered_frames_are_those_of_right_arms() -> None:
         rendered_frames(("stil",))
 
 
+@pytest.mark.slow
 def test_the_experiment_is_a_command(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     words = ["--scenes", "still", "--seeds", "101", "--depth-sensor", "exact", "--plot", str(tmp_path / "grid.svg")]

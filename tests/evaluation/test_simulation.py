@@ -98,6 +98,7 @@ def people(change: Callable[[Person], Person | None]) -> Callable[[Scene, float]
     return wrong
 
 
+@pytest.mark.slow
 def test_who_knows_the_truth_is_perfect_wherever_the_world_is_put() -> None:
     T = rigid(rotation_about_y(1.0) @ rotation_about_x(0.3), (3.0, -1.0, 2.0))
     for figures in (scored(), scored("walk-45", T_method_world=T)):

@@ -36,6 +36,7 @@ def test_another_camera_sees_the_very_same_scene() -> None:
     np.testing.assert_array_equal(scene.from_camera(np.eye(4)).at(0.3).exact_m, scene.at(0.3).exact_m)
 
 
+@pytest.mark.slow
 def test_fingertips_that_one_camera_cannot_see_are_those_of_the_other() -> None:
     scene = load_depth_scene("fist", seed=101, sensor="exact")
     told = two_camera_scores(scene, (SimulatedArms(seed=1).look, SimulatedArms(seed=2).look), fps=15.0, seconds=3.0)

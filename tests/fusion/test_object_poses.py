@@ -221,6 +221,7 @@ def test_an_outlier_is_left_out(
     assert made.report.lost == 0
 
 
+@pytest.mark.slow
 def test_a_sudden_turn_is_followed() -> None:
     def motion(t: float) -> np.ndarray:
         x = 0.2 * abs((2.0 * t) % 1.0 - 0.5) - 0.05  # 0.4 m/s, to and fro

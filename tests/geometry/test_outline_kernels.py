@@ -123,6 +123,7 @@ def test_the_outline_of_a_ball_is_where_lines_of_sight_touch_it(x: float, y: flo
     assert ((outwards * look["normals"]).sum(axis=1) > 0).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(deadline=None, max_examples=25)
 def test_what_is_covered_is_what_any_face_covers(seed: int, step: int) -> None:

@@ -71,6 +71,7 @@ def test_a_t_pose_gives_its_pose() -> None:
     np.testing.assert_allclose(found.angles[turns], 0, atol=0.02, err_msg="what nothing says is as at rest")
 
 
+@pytest.mark.slow
 @few
 @given(seeds)
 def test_joints_that_are_not_seen_do_not_count(seed: int) -> None:

@@ -62,6 +62,7 @@ def test_who_moves_it_well_is_done_before_the_time_is_over(what: dict[str, str])
     assert "too few shared instants" in bus.shown[1]
 
 
+@pytest.mark.slow
 def test_it_goes_on_while_it_is_not_known_well_and_takes_what_will_do_at_the_end() -> None:
     bus = Bus(noise_m=0.0005)
     fit = bus.lead(AlignGuideSettings(seconds=7, least_seconds=0, good_m=1e-7))

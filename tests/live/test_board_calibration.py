@@ -72,6 +72,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
     made.close()
 
 
+@pytest.mark.slow
 def test_running_nodes_are_calibrated_on_the_command_line(room: Room) -> None:
     arguments = ("--board", "board.toml", "--out", "cli.toml", "--connect", room.address, "--json", "-")
     done = run(room.folder, "calibrate", "cameras", "node:left", "node:right", *arguments, "--seconds", str(FILMED_S))

@@ -60,6 +60,7 @@ def measured(gesture: GesturePoints) -> Bones:
     return gesture.measure(MODEL, START, base_layout(START, 3, PALM_SIDE_M))
 
 
+@pytest.mark.slow
 def test_who_does_as_told_is_measured_and_hears_every_part_once() -> None:
     actor = Actor()
     bones = actor.guide().run(measured)

@@ -292,6 +292,7 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
         assert says in str(done.exception)
 
 
+@pytest.mark.slow
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
     words = ["node", "markers", "rendered:demo/left", "--set", "timing=12", "--tags", "APRILTAG_36h11:7"]
     words += ["--json", str(tmp_path / "t.json"), "--connect", f"tcp/127.0.0.1:{free_port()}"]

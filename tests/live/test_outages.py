@@ -303,6 +303,7 @@ def test_who_opens_another_interface_is_told_of_keys(tmp_path: Path) -> None:
     assert "invite" not in closed.stderr
 
 
+@pytest.mark.slow
 def test_what_a_killed_demo_has_started_ends_too(tmp_path: Path) -> None:
     with Program(
         tmp_path,

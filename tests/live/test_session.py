@@ -136,6 +136,7 @@ def test_a_refused_setup_changes_nothing() -> None:
     assert session.setup == Setup("stand-still", sensors_expected=3)
 
 
+@pytest.mark.slow
 def test_a_layout_is_used_by_every_new_tracker_and_kept_in_the_memory_until_somebody_recalibrates() -> None:
     walked = Session(Setup(method="default", sensors_expected=3))
     assert walked.layout_now() is None

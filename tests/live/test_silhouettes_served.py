@@ -81,6 +81,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return Ran(folder, take, summary, json.loads((folder / "c1.json").read_text(encoding="utf-8")), status)
 
 
+@pytest.mark.slow
 def test_images_are_in_the_take_whole(ran: Ran) -> None:
     assert ran.take.clean, ran.take.problems
     assert ran.take.sensors == ("c1", "c2", "c3")
@@ -91,6 +92,7 @@ def test_images_are_in_the_take_whole(ran: Ran) -> None:
     assert all(node.lost == 0 for node in ran.take.complete())
 
 
+@pytest.mark.slow
 def test_the_body_is_where_somebody_went(ran: Ran) -> None:
     mesh = somebody()
     *_, (_, last) = ran.take.scenes()
@@ -103,6 +105,7 @@ def test_the_body_is_where_somebody_went(ran: Ran) -> None:
     assert all(len(view.outline_px) > 20 for view in body.views if not view.left_out)
 
 
+@pytest.mark.slow
 def test_the_summary_and_the_status_count_bodies(ran: Ran) -> None:
     summary = ran.summary
     assert (summary["bodies"], summary["most_bodies"], summary["most_people"]) == (1, 1, 0)
@@ -112,6 +115,7 @@ def test_the_summary_and_the_status_count_bodies(ran: Ran) -> None:
     assert {row["sends"] for row in ran.status["sensors"]} == {"images"}
 
 
+@pytest.mark.slow
 def test_the_node_says_what_it_sent(ran: Ran) -> None:
     report = ran.node["report"]
     assert ran.node["published"] == report["sent"] == report["taken"] - report["dropped"]
@@ -119,6 +123,7 @@ def test_the_node_says_what_it_sent(ran: Ran) -> None:
     assert report["bytes"] >= report["sent"] * 1000
 
 
+@pytest.mark.slow
 def test_a_replay_gives_the_same_bodies_to_the_bit(ran: Ran) -> None:
     done = run_here(ran.folder, "replay", "walk", "--json", "replayed.json")
     assert done.returncode == 0, done.stderr

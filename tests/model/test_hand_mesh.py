@@ -20,6 +20,7 @@ sides = st.sampled_from(["left", "right"])
 few = settings(max_examples=20, deadline=None)
 
 
+@pytest.mark.slow
 @few
 @given(sides, st.floats(0.15, 0.22), st.integers(0, 2**32 - 1))
 def test_landmarks_are_those_of_the_hands_model_in_any_pose(side: str, length: float, seed: int) -> None:

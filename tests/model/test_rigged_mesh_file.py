@@ -353,6 +353,7 @@ def test_a_file_that_is_cut_anywhere_is_refused(tmp_path: Path) -> None:
             load_rigged_mesh(tmp_path / "cut.glb")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_a_damaged_file_is_refused_or_read_but_nothing_else_happens(

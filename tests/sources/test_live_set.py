@@ -347,6 +347,7 @@ def test_a_camera_that_is_said_to_be_late_is_put_right():
         assert abs(np.median(behind) - behind_by) <= 1
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_too_late_for_any_frame_is_said():
     begin_s, said = time.monotonic(), list[str]()
     of = {"c1": Clocked(begin_s, period_ms=5), "c2": Clocked(begin_s, 700, period_ms=5)}

@@ -150,6 +150,7 @@ def test_another_seed_is_wrong_in_another_way_and_every_sensor_in_its_own() -> N
     assert max(map(abs, errors)) < math.radians(4)
 
 
+@pytest.mark.slow
 def test_people_are_lost_as_often_as_measured_and_come_back_with_another_id() -> None:
     data = measured_errors().data
     course = Course(measured_errors(), np.array([1, 1], dtype=np.uint64), 300)

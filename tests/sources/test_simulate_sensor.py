@@ -131,6 +131,7 @@ def test_time_on_the_sensors_own_clock_gives_back_offset_and_drift() -> None:
         assert offset == pytest.approx(wanted.clock_offset_s, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_lost_frames_are_about_as_many_as_set_and_sequence_counts_what_comes() -> None:
     items = list(SimulatedSensor(changed("stand", lost=0.2, seed=4), 1).frames(0.0, 60.0))
     # 1800 Bernoulli trials: a standard deviation of 0.0094.
@@ -231,6 +232,7 @@ def test_at_first_every_sensor_sees_everybodys_head_and_hands(name: str) -> None
         assert np.linalg.norm(places - places[0], axis=-1).max() < 0.1
 
 
+@pytest.mark.slow
 def test_the_obstacle_hides_people_and_their_ids_change_when_they_come_back() -> None:
     room = load_scene("obstacle", seed=1)
     items = list(SimulatedSensor(room, "front").frames(0.0, room.duration_s))

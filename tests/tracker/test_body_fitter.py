@@ -57,6 +57,7 @@ def clean() -> list[FittedBody]:
     return follow(BodyFitter(ROOM.mesh, ROOM.rig), FRAMES)
 
 
+@pytest.mark.slow
 def test_a_body_that_bends_its_knees_is_followed(clean: list[FittedBody]) -> None:
     for k, found in enumerate(clean):
         assert np.median(missed_mm(found, k)) < 15
@@ -73,6 +74,7 @@ def test_the_same_images_give_the_same_to_the_bit(clean: list[FittedBody]) -> No
         assert (one.pose.T_world_model == other.pose.T_world_model).all()
 
 
+@pytest.mark.slow
 def test_images_that_are_stored_wrong_are_left_out_and_do_not_lead_astray() -> None:
     rng = np.random.default_rng(0)
     garbage = {name: rng.integers(0, 256, (240, 320, 3)).astype(np.uint8) for name in ROOM.rig.cameras}

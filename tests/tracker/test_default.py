@@ -348,6 +348,7 @@ def test_settings_out_of_range_are_refused_by_name(name: str, value: float | str
         make_tracker("default", sensors_expected=1, settings=settings)
 
 
+@pytest.mark.slow
 def test_a_calibration_that_begins_again_makes_nobody_new_whichever_sensor_speaks_first() -> None:
     tracker, walker = told(), Walker()
     before = run(tracker, frames({1: walker}, 3.0, noise=0.005))

@@ -101,6 +101,7 @@ def test_bodies_are_in_the_world_of_the_sensors_and_say_whose_they_are(other: bo
     assert len(last.people) == 1 + other
 
 
+@pytest.mark.slow
 def test_the_cameras_places_are_told_beside_the_sensors() -> None:
     _, rig = mesh_and_rig()
     last = tracked(other=False)[-1]

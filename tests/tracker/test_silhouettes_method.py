@@ -261,6 +261,7 @@ def test_a_body_says_what_is_to_be_drawn_and_which_landmarks_are_seen():
     assert {view.left_out for view in none.views} == {NO_PICTURE}
 
 
+@pytest.mark.slow
 def test_the_empty_room_is_learnt_first_and_then_people_are_waited_for():
     room, tracker = Room(RIG), alone(empty_room_s=0.5)
     assert tracker.learning

@@ -56,6 +56,7 @@ def track(squats: Squats, settings: DefaultSettings) -> Tracked:
     return Tracked(frames, np.array(positions), swapped, place.T_world_sensor)
 
 
+@pytest.mark.slow
 def test_no_view_is_swapped(squats: Squats, tracked: Tracked) -> None:
     assert len(tracked.frames) > 0.99 * len(squats.at_s)
     assert tracked.swapped == 0

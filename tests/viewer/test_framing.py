@@ -188,6 +188,7 @@ class Client:
         asyncio.run(self._callback(camera))
 
 
+@pytest.mark.slow
 def test_a_camera_goes_along_until_somebody_moves_it_and_again_when_the_view_is_reset(stand):
     client, told = Client(), deque()
     camera = BrowserCamera(client)

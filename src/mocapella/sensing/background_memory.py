@@ -195,7 +195,7 @@ class BackgroundMemory:
         return tuple(_kernels().unlike(image, self.step_px, window, s.every, s.least_sd, s.cut_sd, self._samples))
 
     def _window(self, phi: Float32, left: int, top: int) -> PersonWindow:
-        window: PersonWindow = _kernels().PersonWindow(phi, left, top, self.settings.guard_steps * self.step_px)
+        window: PersonWindow = _kernels().PersonWindow(phi, left, top, float(self.settings.guard_steps * self.step_px))
         return window
 
     @property
