@@ -93,6 +93,7 @@ def test_it_starts_from_what_it_wrote(folder, found):
     assert "model female: " in said
 
 
+@pytest.mark.slow
 def test_pictures_plots_and_tables_are_for_people(folder, found):
     (folder / "before.json").write_text(json.dumps(found))
     done = run_here(

@@ -124,6 +124,7 @@ def test_its_take_replays_to_the_bit(recorded: Path) -> None:
     assert row["most_spots"] == json.loads((recorded / "summary.json").read_text(encoding="utf-8"))["most_spots"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("installed")
 def test_its_export_and_the_general_one_have_every_spot(recorded: Path) -> None:
     assert run(recorded, "export", "spots", "heat-1").returncode == 0

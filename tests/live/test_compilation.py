@@ -89,6 +89,7 @@ def test_a_server_listens_while_its_method_is_compiled_and_tracks_afterwards(tin
     assert "started" not in serve.output
 
 
+@pytest.mark.slow
 def test_a_session_that_was_to_wait_is_not_started_by_the_end_of_a_compilation(tiny: Path) -> None:
     words = (
         "serve",

@@ -73,6 +73,7 @@ def test_who_does_as_told_is_measured_and_hears_every_part_once() -> None:
     assert {"flat: 2 s", "flat: 1 s", "hook: 3 s"} <= set(actor.shown)
 
 
+@pytest.mark.slow
 def test_a_part_in_which_nothing_is_seen_is_shown_again() -> None:
     actor = Actor(lambda phase, time: None if phase == "knuckles" and time == 1 else phase)
     actor.guide().run(measured)
