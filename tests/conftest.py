@@ -246,6 +246,15 @@ def _make_hands_ready() -> None:
     triangulate(np.full((1, 2, 2), 300.0), views([lens, lens], [np.eye(4), beside]))
 
 
+def _make_contours_ready() -> None:
+    """A third of what the silhouettes compile; a second worker does it meanwhile."""
+    from mocapella.model.silhouettes import Silhouette
+    from mocapella.sensing.region_contour import region_contour
+
+    phi = np.where(np.hypot(*np.mgrid[-8:8, -8:8]) < 5, np.float32(4), np.float32(-4))
+    region_contour(np.full((64, 64, 3), 128, np.uint8), Silhouette((16, 16), 2, phi))
+
+
 def _make_people_ready() -> None:
     """The parts, which a server compiles in processes of their own, and then the whole method."""
     for part in METHODS["default"].warm_up_parts:
@@ -255,6 +264,7 @@ def _make_people_ready() -> None:
 
 PARTS = {
     "silhouettes": lambda: warm_up("silhouettes"),
+    "contours": _make_contours_ready,
     "people": _make_people_ready,
     "arms": _make_arms_ready,
     "hands": _make_hands_ready,

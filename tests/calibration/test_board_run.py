@@ -97,6 +97,7 @@ def test_neither_the_order_of_cameras_nor_the_clocks_origin_matters(names: list[
     assert collected(names, origin_s) == collected(["c0", "c1"], 0.0)
 
 
+@pytest.mark.slow
 def test_a_filmed_board_becomes_a_rig_within_its_standard_deviation() -> None:
     filmed = film(cameras=3, instants=16, noise_px=0.2, seed=4)
     run = BoardRun(BOARD, ["c0", "c1", "c2"])

@@ -97,6 +97,7 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
     assert largest == pytest.approx(0.3, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_quality_that_is_expected_is_the_one_that_is_measured() -> None:
     filmed = film(noise_px=0.3, instants=24, seed=3)
     found = calibrate_cameras(filmed.views, BOARD)

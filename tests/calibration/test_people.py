@@ -88,6 +88,7 @@ def test_sensors_that_never_see_the_same_person_are_tied_through_others() -> Non
     assert all(sensor.trusted and sensor.root == "a" for sensor in state.sensors.values())
 
 
+@pytest.mark.slow
 def test_who_is_who_may_be_told_and_is_found_where_it_is_not() -> None:
     crowd = {0: Walker((-0.7, 2.6)), 1: Walker((0.7, 3.0), phase=1.9, speed=0.9)}
     for people in (None, lambda _: {0: 7, 1: 9}):

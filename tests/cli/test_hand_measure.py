@@ -127,6 +127,7 @@ def without_points(scene: Scene) -> Scene:
     return scene.with_parts(points=())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "error", "why"),
     [
@@ -161,6 +162,7 @@ def test_live_wants_no_phases_and_no_rig(tmp_path: Path) -> None:
             measure(*out, *words)
 
 
+@pytest.mark.slow
 def test_live_it_leads_through_the_gesture(tmp_path: Path) -> None:
     """A process that says what to do, and scenes on the bus of somebody who does it."""
     address, out, report = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ada.json", tmp_path / "report.json"

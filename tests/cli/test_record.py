@@ -43,6 +43,7 @@ def test_a_take_whose_client_was_killed_is_ended_by_another(server: tuple[Progra
     assert json.loads((tmp_path / "server.json").read_text())["recording"]["path"] == "takes/walk.mcap"
 
 
+@pytest.mark.slow
 def test_a_client_whose_take_somebody_else_ends_says_so_and_has_its_result(
     server: tuple[Program, str], tmp_path: Path
 ) -> None:

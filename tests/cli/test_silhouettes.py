@@ -198,6 +198,7 @@ def test_videos_of_two_lengths_and_a_black_one_are_said(folder, tmp_path):
     assert found["summary"]["notes"][0].startswith("the videos differ in length")
 
 
+@pytest.mark.slow
 def test_ctrl_c_writes_what_is_there(folder, tmp_path):
     room = Room(RIG)
     images = room.images(MESH, POSES[0])

@@ -294,6 +294,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
         assert np.linalg.norm(arm.points[PALM] - truth.points[PALM]) < 0.02
 
 
+@pytest.mark.slow
 def test_once_an_arm_is_lost_every_place_is_looked_at_again() -> None:
     """It may have stood for another, whose place was refused."""
     camera, shots = clip("two-hands", "exact", 2, 2)
@@ -356,6 +357,7 @@ def test_an_arm_before_the_torso_is_found(sensor: str) -> None:
     assert table["elbow_median_mm"] < 25
 
 
+@pytest.mark.slow
 def test_two_metres_a_second_are_followed() -> None:
     camera, shots = clip("fast", "exact", 1, 12)
     table = score(KinematicArmDetector(camera), shots).table()

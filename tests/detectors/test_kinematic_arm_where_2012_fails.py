@@ -115,6 +115,7 @@ def test_where_defects_and_lines_count_wrongly_all_five_are_found() -> None:
     assert (arm.states[list(TIPS)] == JointState.TRACKED).all()
 
 
+@pytest.mark.slow
 def test_a_single_finger_that_defects_do_not_see_is_found() -> None:
     camera, shots = clip("counting", 3, 33, 63, 3)
     assert shots[-1].arms[0].gesture == "point"

@@ -63,6 +63,7 @@ def test_without_frames_there_is_no_table() -> None:
         grid_table([], CAMERA, lambda: 0.0)
 
 
+@pytest.mark.slow
 def test_it_is_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     plot_grid(ROWS, tmp_path / "grid.svg")

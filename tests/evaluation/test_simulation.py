@@ -171,6 +171,7 @@ def test_an_error_of_every_joint_is_the_error_and_inferred_joints_are_told_apart
     assert figures["fused_cm"] == pytest.approx((5 * 10 + 20 * 2) / 25)
 
 
+@pytest.mark.slow
 def test_a_wrong_layout_and_a_wrong_clock_are_measured() -> None:
     def moved(scene: Scene, at_s: float) -> Scene:
         T = rigid(np.eye(3), (0.03, 0.0, 0.04))

@@ -396,6 +396,7 @@ def test_a_pose_that_is_nearly_right_is_found_again(side: Handedness) -> None:
     assert np.median(np.array(offs)[:, [WRIST, PALM]]) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_from_farther_away_what_fits_well_is_right(side: Handedness) -> None:
     """A fit goes down to where it is best nearby, which may be the neighbouring finger; its cost tells."""

@@ -35,6 +35,7 @@ MESHES = {
 }
 
 
+@pytest.mark.slow
 @few
 @given(st.sampled_from(sorted(MESHES)), seeds)
 def test_landmarks_of_any_pose_within_limits_are_found_again(which: str, seed: int) -> None:

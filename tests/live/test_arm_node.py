@@ -81,7 +81,6 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return Ran(folder, read_take(folder / "walk.mcap"), told, output)
 
 
-@pytest.mark.slow
 def test_arms_and_images_are_in_the_take_whole(ran: Ran) -> None:
     assert ran.take.clean
     assert ran.take.sensors == ("left", "left.depth")

@@ -47,6 +47,7 @@ def served(azure_and_vicon: Path, tmp_path_factory: pytest.TempPathFactory) -> R
     return Run(folder, read_body_csv(folder / "squats.csv"), read_take(folder / "take.mcap"))
 
 
+@pytest.mark.slow
 def test_the_take_has_the_sensors_own_joints_to_the_bit(served: Run) -> None:
     assert served.take.sensors == ("left",)
     assert json.loads((served.folder / "node.json").read_text())["published"] == ROWS
@@ -61,11 +62,13 @@ def test_the_take_has_the_sensors_own_joints_to_the_bit(served: Run) -> None:
         np.testing.assert_array_equal(frame.states[0], states)
 
 
+@pytest.mark.slow
 def test_its_replay_gives_the_same_results_to_the_bit(served: Run) -> None:
     (row,) = result_here(served.folder, "replay", "take.mcap")
     assert (row["differing_scenes"], row["unusable"], row["most_people"]) == (0, {}, 1)
 
 
+@pytest.mark.slow
 def test_the_knees_of_the_person_follow_the_sensors(served: Run) -> None:
     """Of all frames in the take: on a busy machine, the live path passes some over."""
     mapping, tracker = skeleton_mapping("azure_kinect"), DefaultTracker()
@@ -84,6 +87,7 @@ def test_the_knees_of_the_person_follow_the_sensors(served: Run) -> None:
         assert np.sqrt(np.mean((found - seen) ** 2)) < 15
 
 
+@pytest.mark.slow
 def test_the_file_is_tracked_without_a_server_too(served: Run) -> None:
     (row,) = result_here(served.folder, "replay", "squats.csv")
     assert (row["sensors"], row["frames_in"], row["most_people"]) == (["azure_kinect"], ROWS, 1)
@@ -91,6 +95,7 @@ def test_the_file_is_tracked_without_a_server_too(served: Run) -> None:
     assert row["recorded_s"] == pytest.approx(ROWS / 30, rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_replayed_is_said_in_one_line(served: Run) -> None:
     lines = (served.folder / "squats.csv").read_text().split("\n")
     lines[5] = lines[5].replace(";", ";x", 1)

@@ -155,6 +155,7 @@ def test_a_server_that_stood_still_has_every_frame_afterwards(served: Served, tm
     assert frames.last == json.loads((tmp_path / "front.json").read_text())["published"] - 1
 
 
+@pytest.mark.slow
 def test_no_end_of_a_node_that_the_server_has_not_heard_is_called_clean(tmp_path: Path) -> None:
     """One node is killed while the server stands still, one while it is gone; one ends then, and keeps its frames."""
     port = free_port()
@@ -222,6 +223,7 @@ def test_ending_the_server_closes_the_take_and_exits_with_0(tmp_path: Path) -> N
         assert summary["recording"]["frames"] == take.frame_count
 
 
+@pytest.mark.slow
 def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served: Served, tmp_path: Path) -> None:
     with (
         simulate(tmp_path, served.address, "1", "--name", "front"),
@@ -238,6 +240,7 @@ def test_a_take_recorded_by_command_begins_mid_session_and_replays_alike(served:
     assert row["state_changes"][0]["phase"] != "waiting for sensors"  # as a new tracker would at first
 
 
+@pytest.mark.slow
 def test_takes_are_whole_and_nobody_flaps_when_something_stands_still_as_they_begin_and_end(
     served: Served, tmp_path: Path
 ) -> None:

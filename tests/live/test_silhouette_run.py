@@ -196,6 +196,7 @@ def test_somebody_who_is_not_there_yet_is_waited_for(waited):
     assert np.linalg.norm(run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3] - [0.03, 0, 0]) < 0.06
 
 
+@pytest.mark.slow
 def test_it_is_said_that_somebody_came_and_nobody_is_suspected_meanwhile(waited):
     run, _ = waited
     (note,) = run.notes  # no camera is doubted because nobody is where the body waits

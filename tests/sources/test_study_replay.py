@@ -268,6 +268,7 @@ def test_the_side_sensor_stands_on_the_same_side_whichever_is_the_reference(real
     assert seen == {"front", "side"}
 
 
+@pytest.mark.slow
 def test_a_real_file_s_frames(real_logs: list[StudyLog]) -> None:
     for log in real_logs[::5]:
         replay = StudyReplay(log)

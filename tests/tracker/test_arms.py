@@ -257,6 +257,7 @@ def test_what_holds_and_gestures_are_by_the_surer_and_do_not_flicker() -> None:
 # Where cameras are.
 
 
+@pytest.mark.slow
 def test_a_camera_is_placed_by_the_arm_that_both_see() -> None:
     delay_s = 0.012
     tracker = ArmsTracker(sensors_expected=2)

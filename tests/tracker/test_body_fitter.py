@@ -144,6 +144,7 @@ def test_where_the_body_moves_at_once_in_all_cameras_none_is_left_out() -> None:
     assert tracker.update(ROOM.images(aside, 6), 6 * FRAME_NS).left_out == {}
 
 
+@pytest.mark.slow
 def test_a_camera_that_shows_nobody_for_long_is_asked_again() -> None:
     settings = SilhouetteSettings(something_else_s=0.05)
     tracker = BodyFitter(ROOM.mesh, ROOM.rig, settings)
@@ -158,6 +159,7 @@ def test_a_camera_that_shows_nobody_for_long_is_asked_again() -> None:
     assert not out[-1]
 
 
+@pytest.mark.slow
 def test_what_differs_all_the_time_is_usual() -> None:
     """Two cameras of which a part flickers from the beginning on are no reason to leave out all."""
 
@@ -223,6 +225,7 @@ def test_a_black_camera_is_left_out_and_the_others_go_on() -> None:
     assert np.median(missed_mm(found[-1], 11)) < 15
 
 
+@pytest.mark.slow
 def test_a_frozen_camera_is_left_out_and_a_recording_that_stands_still_is_not() -> None:
     frozen = {"camera 3": ROOM.images(squat(3), 3)["camera 3"]}
     found = follow(BodyFitter(ROOM.mesh, ROOM.rig), 10, dict.fromkeys(range(4, 10), frozen))

@@ -62,6 +62,7 @@ def test_no_view_is_swapped(squats: Squats, tracked: Tracked) -> None:
     assert tracked.swapped == 0
 
 
+@pytest.mark.slow
 def test_the_vertical_is_known_from_where_the_body_is_in_balance(squats: Squats, tracked: Tracked) -> None:
     """The camera stood level: the straight legs say so. The back leans forward all the time."""
     up = inverse(tracked.T_world_sensor)[:3, 1]
