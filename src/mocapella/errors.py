@@ -13,9 +13,9 @@ MocapellaError                base class; the message says what would have worke
 │   ├── KeyFileError          a session's key that cannot be read, kept or used
 │   └── NoServerError         no server answers at that address
 │       └── NotAdmittedError  the server there does not admit this program
-├── RecordingError            a take could not be started or went wrong
+├── RecordingError            a take or a file of results could not be written
 │   ├── TakeExistsError       the name is in use; takes are never overwritten
-│   ├── DiskFullError         less free space than the reserve
+│   ├── DiskFullError         too little free disk space, or a full spool
 │   └── UnstoredFramesError   a node ended before all its frames were stored
 ├── CalibrationError          observations do not determine the cameras' poses or lenses
 ├── EvaluationError           a method's result cannot be scored
@@ -112,15 +112,15 @@ class NotAdmittedError(NoServerError):
 
 
 class RecordingError(MocapellaError):
-    """A take could not be started, or had to stop."""
+    """A take, or another file of results, cannot be written, merged or read back, or a recording had to stop."""
 
 
 class TakeExistsError(RecordingError):
-    """The take's name is in use; takes are never overwritten."""
+    """The file name of a new take or study log is in use; neither is ever overwritten."""
 
 
 class DiskFullError(RecordingError):
-    """Less disk space is free than a recording must leave, the reserve."""
+    """The disk is full, or too little is free: less than the reserve or than a copy needs; or a spool has its limit."""
 
 
 class UnstoredFramesError(RecordingError):

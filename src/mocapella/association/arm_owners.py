@@ -31,6 +31,9 @@ class ArmOwnerSettings:
             sides are trusted more [m].
         switch_m: penalty, added to the distance, of changing the arm's present limb; larger: arms change their limbs
             more rarely [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     take_m: float = 0.2

@@ -31,6 +31,9 @@ class ArmMatchSettings:
             uncertain side; larger: left and right arms are matched more rarely [m].
         new_id_m: penalty, added to the distance, of an arm that has another id in the camera than before; larger: the
             camera's own ids are followed more [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     within_m: float = 0.15

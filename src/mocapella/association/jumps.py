@@ -42,6 +42,9 @@ class JumpSettings:
             such a body is accepted again farther away [s].
         doubt_s: age at which a position is forgotten; a body whose last position is older is accepted wherever it is,
             so a body that jumped and stays away is accepted after this time [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     step_m: float = 0.05

@@ -53,6 +53,9 @@ class TrackSettings:
         same_size: largest mean squared difference of the lengths, in units of their variances, of a recognised person;
             twice as much if the position fits. On the KinectMultiTrack logs, it accepts 93 % of comparisons of a person
             with the same one in one session, and 38 % with another person (``told_apart_by_lengths``) [ratio].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     gate_m: float = 0.6

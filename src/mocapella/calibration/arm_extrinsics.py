@@ -56,6 +56,9 @@ class ArmExtrinsicsSettings:
             must be moved for longer [rad].
         delay_sd_s: prior standard deviation of the delay between the two cameras; larger: a longer delay can be
             estimated, from more motion [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     instants: tuple[int, int] = (60, 300)

@@ -37,6 +37,9 @@ class BoardRunSettings:
         most_moved_px: largest motion of the board in an image within that time [px].
         least_moved: a round is dropped if the board has moved less than this since the previous one in every camera, as
             a fraction of the image width.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     tolerance_s: float = 0.1

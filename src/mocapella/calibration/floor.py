@@ -96,10 +96,11 @@ def floor_of_pose(tilt: float, height: float) -> Floor:
 
 @dataclass
 class FloorFromFeet:
-    """Estimates the floor from one sensor's standing feet. The state does not grow with time.
+    """Estimates the floor from one sensor's standing feet, all in its camera space. The state does not grow with time.
 
     Attributes:
-        sums: (10,) weight, Σ w x, and Σ w x xᵀ by its upper triangle, of standing feet.
+        sums: (10,) Σ w (1), Σ w x [m] (3), and Σ w x xᵀ [m²] by its upper triangle (6), of standing feet; a foot that
+            stands for `STANCE_S` has the weight 1.
         back: (4,) upward directions of bodies, each with the weight `floor_kernels.BACK_STEP_S`: weighted sum of unit
             vectors along the back, or from feet to centre of mass where people squat or bend (3), and Σ weight [s].
         plane: (4,) the floor's ``up`` (3) and height [m] at the last update; 0 before.

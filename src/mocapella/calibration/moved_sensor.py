@@ -19,9 +19,10 @@ Pair = tuple[str, str]
 
 
 def disagrees_for(pair: PairCalibration, now: float) -> float:
-    """Return how long all persons seen by both sensors have contradicted the estimate [s]; 0 if one agrees.
+    """Return for how long all persons whom both sensors see have contradicted the estimate [s].
 
-    Only persons count who agreed for `AGREED_BEFORE_S` before and are seen by both sensors now.
+    It is 0 if one of them agrees. A person who contradicts counts only after having agreed for `AGREED_BEFORE_S`; it is
+    0 if nobody counts.
 
     Args:
         pair: the estimate and the state of its bodies.

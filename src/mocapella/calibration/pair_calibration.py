@@ -77,6 +77,9 @@ class PairSettings:
         turned_weight: weight of shoulders, elbows and hips of a person who stays in place, relative to one who walks:
             sensors turn them towards themselves, which averages out only when people turn; larger: less noise, and a
             larger error of the rotation [0 to 1].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     memory_s: float = 15.0

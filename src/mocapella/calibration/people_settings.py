@@ -29,6 +29,9 @@ class PeopleCalibrationSettings:
         first_refresh_s: shortest such interval, at first, while pairs have seen little motion [s].
         partners: number of pairs of each sensor that are refined, the best ones, if it has more; larger: more work, and
             more accurate poses [pairs].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     RECORDED_AS: ClassVar[str] = "PeopleSettings"

@@ -41,6 +41,9 @@ class RigFitSettings:
         swapped_ratio: two cameras are reported as exchanged, rather than as moved, if exchanging them reduces the
             distance by this factor [ratio].
         cap_px: upper bound of one marker's distance; larger: a single wrong marker weighs more [px].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     memory_s: float = 3.0

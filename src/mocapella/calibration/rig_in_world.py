@@ -47,6 +47,9 @@ class RigInWorldSettings:
         beyond: largest ratio of that distance to the body's distance from any other person; smaller: people are
             confused more rarely, and matched later [ratio].
         again_s: interval between estimates [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     every_s: float = 0.1

@@ -57,6 +57,9 @@ class SpaceAlignmentSettings:
         largest_sd_m: largest standard deviation of a point, and of the lever arm [m].
         largest_sd_rad: largest standard deviation of the rotation [rad].
         largest_delay_sd_s: largest standard deviation of the delay [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     vertical: bool = False

@@ -41,6 +41,9 @@ class StandStillSettings:
             ones (its program).
         angle_from: the shoulder angle is the circular ``mean`` over the frames, or that of the ``latest`` frame (its
             program).
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     frames: int = 120

@@ -45,6 +45,9 @@ class KinematicArmSettings:
         look_anyway_every: number of images between two searches of the whole image, while an arm is tracked; larger:
             less work, later arms [images].
         region, fit: settings of the segmentation and of the fit.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     arms: int = 2

@@ -54,10 +54,14 @@ class GestureScores:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def table(self) -> dict[str, float]:
-        """Return the figures: fractions, 0 to 1, and the median delay [ms]; NaN where nothing was counted.
+        """Return the figures by name; NaN where nothing was counted.
 
-        ``NAME_right`` and ``right`` are the fractions of frames with the right gesture, of one gesture and of all;
-        ``none`` is that of frames without a reported gesture; ``never_told`` that of gestures that were never detected.
+        Returns:
+            ``frames``: number of scored frames, all with a true gesture. ``late_median_ms``: median delay of the
+            detected gestures [ms]. The rest are fractions, 0 to 1: ``NAME_right`` and ``right`` of the frames with the
+            right gesture, of one gesture and of all; ``none`` of the frames without a reported gesture;
+            ``grabbing_right`` and ``not_grabbing_right`` of the frames with a closed and with an open hand in which
+            ``grabbing`` is right; ``never_told`` of the true gestures that were never detected.
         """
 
         def part(some: int, of_all: int) -> float:

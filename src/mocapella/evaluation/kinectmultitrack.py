@@ -131,7 +131,10 @@ class AsLogged:
         return _from_front(self.session, _logged_turn(self.session.log))
 
     def people(self, at_s: float) -> Mapping[int, Float64]:
-        """Return the position (3,) of SpineBase by Person_Id at a time since the first frame: `people_as_logged`."""
+        """Return the logged position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m].
+
+        ``at_s`` is the time since the file's first frame [s]; see `people_as_logged`.
+        """
         return people_as_logged(self.session, at_s)
 
 

@@ -21,6 +21,10 @@ AS_LOGGED: Final = "stand-still"
 def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
     """Split ``default:people.smoothing=kalman:keep_root_s=2`` into the method's name and its settings.
 
+    Returns:
+        ``"default", {"people": {"smoothing": "kalman"}, "keep_root_s": 2}``; the settings' names and ranges are not
+        checked. See `mocapella.settings.settings_of_pairs`.
+
     Raises:
         SettingsError: no such method, or a setting is not NAME=VALUE; says what would work.
     """

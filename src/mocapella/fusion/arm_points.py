@@ -35,6 +35,9 @@ class ArmFusionSettings:
         gate_sds: number of standard deviations of the difference of two views, added to ``gate_m``, within which they
             agree [standard deviations].
         far_m: upper bound of the whole distance within which two views agree, however uncertain they are [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     least_sd_m: float = 0.003

@@ -53,6 +53,9 @@ class FacingSettings:
         mirrors_from_deg: threshold for a view without a yaw: the angle between facing and the direction to the sensor
             beyond which its labels are mirrored; larger: such labels are mirrored more rarely [°].
         hysteresis_deg: half the width of that threshold's hysteresis; larger: such labels change more rarely [°].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     yaw_weight: float = 0.1

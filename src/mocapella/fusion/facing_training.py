@@ -69,6 +69,9 @@ class TrainingSettings:
             ±front_deg (beyond ±back_deg) with a probability above ``sure``.
         penalty: ridge penalty of the classifier's weights.
         yaw_floor, shape_floor, motion_floor: share of each table row's probability that is distributed evenly.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     known_within_deg: float = 10.0

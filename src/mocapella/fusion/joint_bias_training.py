@@ -52,6 +52,9 @@ class BiasTrainingSettings:
         rounds: number of alternating fits of rigid motions and bias.
         steps: number of reweightings.
         least_m: least residual in the reweighting by 1/residual, which bounds a frame's weight [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     ridge: float = 0.03

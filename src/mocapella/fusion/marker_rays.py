@@ -63,6 +63,9 @@ class MarkerRaysSettings:
         forget_after_s: a marker unseen for this long is lost [s].
         largest_sd_m: an inferred marker is lost if the standard deviation of a coordinate is larger; larger: it is
             predicted for longer [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     acceleration_density: float = 20.0

@@ -96,6 +96,9 @@ class ObjectPoseSettings:
         tracked_sd_rad: an object is inferred if the standard deviation of its rotation about an axis is larger [rad].
         largest_sd_m: an object is lost if the standard deviation of its position along an axis is larger; larger: it is
             predicted for longer [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     acceleration_density: float = 0.3

@@ -37,6 +37,9 @@ class PairDepthSettings:
         z: exponent of the depth for ``parallel-fitted``, see `PowerLaw`.
         sd_px: standard deviation of a pixel's coordinate [px].
         gate_sd: largest disagreement of the two pixels of a point, in standard deviations; beyond, the point is NaN.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     method: str = "rays"

@@ -39,10 +39,13 @@ class TracksSettings:
             ``linear`` (DLT, weighted by confidence); see `METHODS`.
         sd_px: for the method robust: standard deviation of a coordinate of a detection with confidence 1; for others it
             is divided by the square root of the confidence [px].
-        gate_sd: for the method robust: largest residual of an inlier, in standard deviations; see
-            `TriangulationSettings`.
-        least_confidence: only detections with a higher confidence are used.
+        gate_sd: for the method robust: largest residual of an inlier, see `TriangulationSettings` [standard
+            deviations].
+        least_confidence: only detections with a higher confidence are used [0 to 1].
         largest_error_px: for the two linear methods: largest mean error, see `WeightedLinearSettings` [px].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     method: str = "robust"

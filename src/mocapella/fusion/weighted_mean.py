@@ -53,6 +53,9 @@ class FusionSettings:
         offset_s: time constant of learning and fading of a view's offset from the mean; larger: smoother when views
             come and go [s].
         age_speed_m_s: growth of the standard deviation with a view's age; larger: older views count less [m/s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     sd_m: float = 0.015

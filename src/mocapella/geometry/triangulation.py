@@ -49,6 +49,9 @@ class TriangulationSettings:
         gate_sd: a view is rejected if its reprojection error is above this number of its standard deviations; at 4, one
             in 3,000 correct views with Gaussian errors is rejected. Infinity uses every camera.
         least_angle_rad: a point is rejected unless at least two of its rays meet at this angle or a larger one [rad].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     gate_sd: float = 4.0

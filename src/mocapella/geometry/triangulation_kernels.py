@@ -97,14 +97,15 @@ def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: fl
 def linearised(
     views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the two numbers of `offset` and the derivatives of the projection.
+    """Return the reprojection error of a world point in a view, as `offset`, and the derivatives of its projection.
 
     Args:
         views, n, X, Y, Z, u, v: (views, 25) cameras, index of one, world point [m] and measured pixel [px], as in
             `offset`.
 
     Returns:
-        du and dv [px], then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
+        du and dv, measured minus projected [px], infinite where the point is behind the camera or outside the lens
+        model; then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
     """
     z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
     w = 1.0 / z

@@ -32,6 +32,9 @@ class WeightedLinearSettings:
         largest_error_px: largest mean reprojection error of the cameras used [px].
         drop_cameras: whether cameras are dropped if the error is larger; otherwise the point is NaN. Turn it off where
             detection errors are large: two remaining cameras then mostly agree by chance.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     least_confidence: float = 0.3

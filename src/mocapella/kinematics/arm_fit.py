@@ -66,6 +66,9 @@ class ArmFitSettings:
         edge: distance of the silhouette's edge from the nearest pixel on its other side [grid pixels].
         loose: factor of the robust scales in the first iteration, which improves poor starts [ratio].
         iterations: largest number of iterations while tracking; larger: more accurate, at more work [iterations].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     point_scale_m: float = 0.010

@@ -63,6 +63,9 @@ class ArmQualitySettings:
         jump_m: motion between two frames above which a joint has jumped; for frames more than 1/30 s apart, it grows
             in proportion to the time between them [m].
         gap_s: frames farther apart than this are not compared [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     still_window_s: float = 2.0

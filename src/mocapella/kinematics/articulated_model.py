@@ -66,6 +66,9 @@ class ArticulatedSettings:
             larger: wrong bodies are corrected more rarely [m].
         lost_s: a body that has been lost for this long is initialised again [s].
         forget_after_s: time without a measurement after which a body is no longer predicted [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     root_acceleration: float = 30.0

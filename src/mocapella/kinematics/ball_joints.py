@@ -128,7 +128,13 @@ class LocalTree(msgspec.Struct, frozen=True, eq=False):
 
 
 def local_tree(tree: TwistTree, balls: BallJoints, pose: TreePose) -> LocalTree:
-    """Make the local tree of a body's tree about a pose, for one step of a fit; the arguments are not changed."""
+    """Make the local tree of a body's tree about a pose, for one step of a fit; the arguments are not changed.
+
+    Args:
+        tree: the body's tree.
+        balls: the ball joints that `ball_joints` finds in it.
+        pose: the present pose, which becomes the local tree's rest pose.
+    """
     angles = np.array(pose.angles, np.float64)
     twists, limits, n = tree.twists.copy(), tree.limits.copy(), len(balls.parts)
     turned, axes = np.empty((n, 9)), np.empty((n, 3, 3))

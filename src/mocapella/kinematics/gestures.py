@@ -246,6 +246,9 @@ class GestureSettings:
         hold_s: time for which a gesture with an unknown score keeps its state [s].
         unsure: a tip counts as unknown if its standard deviation is above this fraction of the length from wrist to the
             middle finger's knuckle, see `hand_features`; larger: less certain tips are used [ratio].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     enter: float = 0.6

@@ -28,6 +28,9 @@ class GraspSettings:
             [m].
         after_s: time for which thumb and another finger must touch the object until it is held, or not touch it until
             it is released; larger: fewer false grasps, later ones [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     touch_m: float = 0.015

@@ -51,6 +51,9 @@ class BonesSettings:
         least_knuckles_deg, least_hook_deg: least range of motion of the first and the second joint of each finger [°].
         most_finger_sd_m: largest standard deviation of the length of a whole finger [m].
         most_iterations: largest number of iterations of the fit.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     length_sd: float = 0.15

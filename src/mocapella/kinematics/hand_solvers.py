@@ -162,6 +162,9 @@ class IterativeSettings:
         tolerance_m: distance from the target at which a tip has reached it [m].
         most_iterations: largest number of iterations for a digit.
         damping_m: λ of the damped least squares [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     tolerance_m: float = 1e-4

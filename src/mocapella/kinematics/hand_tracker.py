@@ -64,6 +64,9 @@ class HandSettings:
         forget_after_s: time without markers after which the hand is forgotten [s].
         most_iterations: largest number of iterations of a fit; larger: more accurate after sudden motion, at more work
             [iterations].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     marker_sd_m: float = 0.001

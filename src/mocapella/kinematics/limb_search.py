@@ -63,6 +63,9 @@ class LimbSearchSettings:
         much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: likewise
             [ratio].
         per_m: cost of penetrating limbs, in units of the score; larger: they are avoided more [1/m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     points: int = 40

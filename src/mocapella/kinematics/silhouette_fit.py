@@ -42,6 +42,9 @@ class CorrespondenceSettings:
         sd_steps: standard deviation of the image outline's position, for one pixel of its length; larger than a single
             edge's, as neighbours' errors are correlated; larger: prediction and resting pose count more [samples].
         sure_nats: least evidence of an edge with full weight; larger: weak edges count less [nats].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     spacing_steps: float = 2.0

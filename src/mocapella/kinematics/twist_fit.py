@@ -115,6 +115,9 @@ class FitSettings:
         most_steps: largest number of accepted steps.
         rest_m: motion of the root in a step [m].
         rest_rad: largest rotation of the root and of any joint in a step [rad].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     most_steps: int = 20

@@ -34,6 +34,9 @@ class AlignGuideSettings:
         good_m, good_rad, good_delay_s: standard deviations of position [m], rotation [rad] and delay [s] that end it
             early; ``good_m`` also applies to the lever arm. When the time is over, the limits of
             `SpaceAlignmentSettings` suffice.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     seconds: float = 60.0

@@ -33,6 +33,9 @@ class CameraNodeSettings:
     Attributes:
         drop_after_s: results older than this, since the image was available, are not sent [s].
         report_s: interval between progress reports [s]; 0 reports only at the end.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     drop_after_s: float = 0.1

@@ -58,6 +58,9 @@ class CameraServiceSettings:
         a_second: largest number of queries within a second; further ones are refused.
         pictures: number of images to keep, the newest that were sent for `AskPicture` with ``keep``. `AskLearn` refers
             to them, by the clicks of the user; it is refused if it refers to an image that is no longer kept.
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     waiting: int = 8

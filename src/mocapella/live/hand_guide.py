@@ -28,6 +28,9 @@ class GuideSettings:
         patience: longest wait for the first scene [s].
         least_frames: least number of frames of each phase that show the required markers, see `GesturePoints.missing`
             [frames].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     flat: float = 4.0

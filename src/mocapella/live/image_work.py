@@ -36,6 +36,9 @@ class ImageSettings:
         format: ``jpeg``, or ``png``, which is lossless and about ten times as large.
         quality: of a JPEG, 1 to 100.
         delay_s: latency from capture to arrival, for example of a network camera [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
     """
 
     format: Literal["jpeg", "png"] = "jpeg"

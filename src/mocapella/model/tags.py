@@ -15,7 +15,9 @@ def corner_names(number: int) -> tuple[str, str, str, str]:
 
 
 def corner_places(side_m: float) -> Float64:
-    """Return the corners (4, 3) in the tag's frame [m]: origin at the centre, x right, y up, z towards the viewer.
+    """Return the corners (4, 3) in the tag's frame [m], in the order of `corner_names`: clockwise from the upper left.
+
+    The frame's origin is the tag's centre, x points right, y up, z towards the viewer.
 
     Args:
         side_m: side of the tag's dark square [m].

@@ -41,7 +41,7 @@ class SpoolLimits:
 
 
 class DiskSpool:
-    """The spool of one node.
+    """The spool of one node: files with its encoded frames that wait on the disk until a server has stored them.
 
     Args:
         folder: folder of the spool's files; it is made when the first file is.
@@ -58,7 +58,8 @@ class DiskSpool:
         """Store encoded frames with consecutive sequence numbers from ``first`` on in one file.
 
         Raises:
-            RecordingError: there is no space, or the disk failed; nothing is stored.
+            DiskFullError: the spool would exceed its largest size, or the disk its reserve; nothing is stored.
+            RecordingError: the disk failed; nothing is stored.
         """
         size = sum(map(len, frames))
         if sum(self._sizes.values()) + size > self._limits.most_bytes:

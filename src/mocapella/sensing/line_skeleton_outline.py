@@ -88,11 +88,14 @@ class Lines:
 
 
 def separated(metres: Float32, s: LineSkeletonSettings) -> Separated:
-    """Convert depth to 16 bits for measuring and 8 bits for image processing; blur, threshold and mirror it.
+    """Convert depth to 16 bits for measuring and 8 bits for image processing; blur and threshold the latter.
 
     Args:
         metres: (height, width) depth [m]; values not above 0 were not measured.
-        s: settings.
+        s: the cube region, the sizes of the blurs, and whether to mirror left and right.
+
+    Returns:
+        The image after each step. The threshold is ``s.reach_m`` behind the nearest 1 % of the pixels in the region.
     """
     measured = np.where(metres > 0, metres, np.float32(0))  # NaN, too
     millimetres = np.minimum(np.rint(measured * np.float32(1000)), np.float32(65535)).astype(np.uint16)

@@ -135,7 +135,10 @@ class CaptureCamera:
 
 
 def camera_number(path: str) -> int | None:
-    """Return the camera number of ``/dev/video0`` or of a link to such a device; None for any other path."""
+    """Return the camera number, 0 for ``/dev/video0``, also of a link in ``/dev`` to such a device.
+
+    None for any other path. The device need not exist.
+    """
     if not path.startswith("/dev/"):
         return None
     match = re.fullmatch(r"/dev/video(\d+)", str(Path(path).resolve()))

@@ -72,5 +72,8 @@ class SilhouetteBody:
         return self._stood
 
     def local(self, pose: TreePose) -> LocalTree:
-        """Return the body's kinematic tree, with the axes of its ball joints at a pose, to fit near that pose."""
+        """Return the body's tree re-expressed about a pose, so that a fit that starts there meets no gimbal lock.
+
+        The ball joints' angles are 0 at ``pose``. Its methods `into` and `back` convert poses to this tree and back.
+        """
         return local_tree(self.mesh.tree, self.balls, pose)

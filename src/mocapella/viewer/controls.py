@@ -45,7 +45,11 @@ def allowed(status: SessionStatus | None) -> Allowed:
 
 
 def part_names(status: SessionStatus | None, scene: Scene | None) -> tuple[str, ...]:
-    """Return the names of the part types with a panel folder: all that the status counts, or else the scene's."""
+    """Return the names of the part types that get a folder in the panel, such as ``people``.
+
+    These are the keys of the status' ``counts``; if it has none, or there is no server (``status`` None), those of the
+    scene's parts, and none without a scene.
+    """
     counted = tuple(status.counts) if status is not None else ()
     return counted or (tuple(scene.parts) if scene is not None else ())
 

@@ -163,7 +163,10 @@ def _drawn(lane: Lane, frame: SensorFrame, space: LaneSpace) -> LaneDrawing:
 
 
 def kept(frame: SensorFrame, troubles: PluginErrors) -> SensorFrame | None:
-    """Return a frame reduced for the timeline; None if its type has no lane, or on an error (reported)."""
+    """Return a frame with only what its lane draws (`Lane.keep`), such as an image without pixels, for the timeline.
+
+    None if its type has no lane, or if reducing it fails (reported to ``troubles``).
+    """
     lane = lane_of(frame, troubles)
     return None if lane is None else troubles.attempt(_called(frame), lambda: lane.keep(frame), None)
 

@@ -151,7 +151,10 @@ def sensors_html(
 
 
 def recording_html(recording: RecordingHealth | None) -> str:
-    """Return the name, size, lost frames and problem of the present or last recording as HTML."""
+    """Return the present or last recording as HTML: its name, duration, size, frames, lost frames and problems.
+
+    Without one (``recording`` None or empty), the HTML says that nothing is recorded.
+    """
     if recording is None or not (recording.active or recording.path or recording.problem):
         return _note("Not recording.", _GREY)
     name = escape(PurePath(recording.path).name)

@@ -111,9 +111,13 @@ class StageMemory(Protocol):
     """Interface of the state that a stage keeps from scene to scene, such as a smoothed centre."""
 
     def update(self, scene: Scene | None) -> Any:
-        """Update the state with the newest scene; return a value for `Stage.draw`, None if the stage has no content.
+        """Update the state with the newest scene.
 
-        A repeated scene, the same object, changes nothing.
+        Args:
+            scene: the newest scene; None before the first. The same object again changes nothing.
+
+        Returns:
+            The second argument of `Stage.draw`, of a type that the stage chooses; None if the stage has no content.
         """
 
 

@@ -235,7 +235,12 @@ def reflected(material: Float64, u: float, v: float, w: float, h: float, out: Fl
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def passes(o: Float64, d: Float64, box: Float64) -> bool:
-    """Return whether a ray from o (3,) in direction d (3,) misses the bounding sphere of a box (8,)."""
+    """Return whether a ray misses the bounding sphere of a box, and so the box.
+
+    Args:
+        o, d: (3,) origin [m] and direction of the ray; ``d`` has any length.
+        box: (8,), see the module.
+    """
     x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
     along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     r2 = box[3] * box[3] + box[4] * box[4] + box[5] * box[5]

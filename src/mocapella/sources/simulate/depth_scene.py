@@ -213,13 +213,14 @@ class DepthScene:
         name, seed: name and random seed of the scene; both determine its random choices.
         settings: description of the scene.
         sensor: the camera.
-        T_camera_first: (4, 4) from the frame of the camera that the scene is made for to this camera's; None for that
-            camera itself.
+        T_camera_first: (4, 4) from the frame of the camera that the scene is made for to this one's; None for that one.
 
     Attributes:
         name, seed, settings, sensor, T_camera_first: as given.
-        period_s: period of the first arm's motion [s]; a second arm has its own, so that a scene of two arms does not
-            repeat after it.
+        period_s: period of the first arm's motion [s]; a second arm has another one.
+
+    Raises:
+        SettingsError: the settings' view, number of arms or background is unknown; names the valid ones.
     """
 
     def __init__(
@@ -257,7 +258,7 @@ class DepthScene:
     def from_camera(self, T_camera_first: Float64) -> DepthScene:
         """Return the scene as seen by another camera of this kind, as a new object with other noise.
 
-        ``T_camera_first`` (4, 4) is from this camera's frame to the other's.
+        ``T_camera_first`` (4, 4) is from this camera's frame to the other's, also if this is not the first camera.
         """
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 

@@ -43,7 +43,8 @@ class Leg:
             rotation.
         steps: number of steps; 0 stands still.
         seconds: duration [s].
-        centre: centre of the arc (world x, z) [m]; None without an arc.
+        centre: centre of an arc (world x, z) [m], along which the person goes from ``start`` by the angle of the body's
+            rotation, so ``end`` must lie there (not checked); None without an arc.
         posture: posture that is assumed during the leg and left at its end.
     """
 
