@@ -166,10 +166,10 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What keeps real time comes first and has a mark, then what is long. Slow tests are run if they are chosen."""
-    if not config.option.markexpr and not _chosen(config):
+    if "slow" not in config.option.markexpr and not _chosen(config):
         slow = [item for item in items if item.get_closest_marker("slow")]
         config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+        items[:] = [item for item in items if item not in slow]
     lanes = ("browsers", "programs", "")
     for item in items:
         if _lane(item.nodeid):

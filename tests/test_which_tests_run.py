@@ -57,8 +57,11 @@ def test_only_what_keeps_real_time_or_starts_programs_is_run_again(request: pyte
 
 
 @pytest.mark.parametrize("arguments", [["tests"], ["tests/evaluation"], []])
-def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(request: pytest.FixtureRequest, arguments: Any) -> None:
-    items, left_out = run(request, *arguments)
+@pytest.mark.parametrize("marks", ["", "not real_time"])
+def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(
+    request: pytest.FixtureRequest, arguments: Any, marks: str
+) -> None:
+    items, left_out = run(request, *arguments, marks=marks)
     assert left_out == 1
     assert not any("slow" in item.marks for item in items)
 

@@ -120,7 +120,7 @@ class TakeExistsError(RecordingError):
 
 
 class DiskFullError(RecordingError):
-    """The disk is full, or too little is free: less than the reserve or than a copy needs; or a spool has its limit."""
+    """The disk is full, or too little is free: less than the reserve or than a copy needs; or a spool is full."""
 
 
 class UnstoredFramesError(RecordingError):

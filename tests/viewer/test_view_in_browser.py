@@ -171,9 +171,8 @@ def test_the_canvas_shows_people_in_their_colours_sensors_in_theirs_and_the_fuse
     server.change(running=True, phase="tracking")
     tab.expect_state("Tracking")
     tab.button("Both").click()
-    note = tab.page.locator(
-        ".mantine-Notification-closeButton"
-    )  # it says that the browser draws in software, if it knows
+    # The note that the browser draws in software; the page shows it only if the browser names its renderer.
+    note = tab.page.locator(".mantine-Notification-closeButton")
     if note.count():
         note.first.click()
     shown = settled(tab, lambda pixels: figures(server, pixels).min() > 0.5)
