@@ -158,9 +158,11 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
     yield
     if first:
         _compile_what_nobody_does(session.config)
-    # What is there now stays: nobody need look through a million objects again and again.
+    # What is there now stays: nobody need look through a million objects again and again. Nor need a test that makes
+    # as many, as a syntax tree has, look through them after every few hundred.
     gc.collect()
     gc.freeze()
+    gc.set_threshold(10_000)
     gc.enable()
 
 

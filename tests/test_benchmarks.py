@@ -214,6 +214,7 @@ def test_the_silhouettes_have_their_goals_and_what_did_not_move_misses_them(silh
         assert rows[f"knee-bend, noise, {what}, worst seed"].met is False
 
 
+@pytest.mark.slow
 def test_runs_that_fail_are_counted(silhouettes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     fails = {0.0: "lost", 1.0: ""}
     weights = iter([0.0, 1.0])
@@ -225,6 +226,7 @@ def test_runs_that_fail_are_counted(silhouettes: Any, monkeypatch: pytest.Monkey
     assert (with_it.value, with_it.met) == (0, False)
 
 
+@pytest.mark.slow
 def test_a_frame_is_timed_on_one_core_which_is_given_back(silhouettes: Any) -> None:
     import os
 

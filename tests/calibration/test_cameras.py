@@ -155,6 +155,7 @@ def refused(views: list, **more: object) -> str:
     return str(error.value)
 
 
+@pytest.mark.slow
 def test_each_cause_of_failure_is_named() -> None:
     filmed = film(instants=8)
     views = filmed.views

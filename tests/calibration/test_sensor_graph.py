@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pytest
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -109,6 +110,7 @@ def test_clocks_are_chained_and_weighed_and_unknown_where_no_known_one_leads() -
     assert placed["a"].offset == TimeOffset(0.0, 0.0, True)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-9, 1e-3, 1.0, 3.1]))
 @settings(max_examples=40, deadline=None)
 def test_the_compiled_twists_are_those_of_geometry(seed: int, angle: float) -> None:

@@ -64,6 +64,7 @@ def test_images_in_which_nothing_was_measured(detector: str, tmp_path: Path) -> 
     assert "arms in 0 of 3 images; 3 with nothing measured" in " ".join(found["stderr"].split())
 
 
+@pytest.mark.slow
 def test_a_body_without_its_arm_is_no_arm(tmp_path: Path) -> None:
     bodies = [np.where(shot.parts == BODY, shot.depth, 0).astype(np.uint16) for shot in shots("torso", 1, 1)]
     found = recording(tmp_path / "frames", bodies)

@@ -87,6 +87,7 @@ def test_pictures_become_a_rig_and_a_report(
     assert [hint["text"] for hint in result["hints"]] == [line for line in said.err.splitlines() if "camera c" in line]
 
 
+@pytest.mark.slow
 def test_lenses_of_another_rig_times_and_a_table(
     scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

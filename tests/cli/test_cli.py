@@ -278,6 +278,7 @@ def test_a_replay_that_never_tracks_says_why(study_logs: Path, tmp_path: Path) -
     assert row["reason"]
 
 
+@pytest.mark.slow
 def test_settings_of_the_method_are_checked_by_name_and_range(study_logs: Path, tmp_path: Path) -> None:
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
     verb = ["replay", log, "--method", "stand-still"]

@@ -92,6 +92,7 @@ def test_a_number_that_a_take_could_not_keep_is_refused(text: str) -> None:
         settings_of_pairs([f"max_distance_m={text}"])
 
 
+@pytest.mark.slow
 @given(st.from_regex(r"[A-Za-z0-9_-]{1,20}", fullmatch=True), st.sampled_from([".", "takes", "/data/study 7"]))
 def test_a_take_is_named_alike_wherever_it_is_begun(name: str, folder: str) -> None:
     """With and without the suffix, by ``--record`` and by ``mocapella record``."""

@@ -30,6 +30,7 @@ def result(*arguments: str) -> dict[str, Any]:
     return dict(recording)
 
 
+@pytest.mark.slow
 def test_a_rendered_room_needs_no_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     recording = result("rendered:room-stand/1/exact", "--fps", "0.1", "--stages", "looked")

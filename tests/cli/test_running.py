@@ -63,6 +63,7 @@ def test_a_take_that_was_cut_off_says_what_is_left(demo: Recorded, tmp_path: Pat
     assert 0 < row["frames_out"] < demo.summary["frames_out"]
 
 
+@pytest.mark.slow
 def test_replaying_live_goes_through_nodes_and_bus(study_logs: Path, tmp_path: Path) -> None:
     short = tmp_path / "short.csv"
     source = study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz"

@@ -154,6 +154,7 @@ def test_somebody_who_comes_before_live_cameras_is_followed_until_ctrl_c(stage, 
     assert min(abs(angle - deepest) for angle in followed) < 0.25
 
 
+@pytest.mark.slow
 def test_a_stream_that_ends_is_said_and_counts_again_when_it_is_back(stage, folder):
     stage.at = 0
     with stage.streams() as streams:
@@ -310,6 +311,7 @@ def test_somebody_in_the_empty_room_is_said(films):
     assert found["summary"]["notes"][0].startswith("something moved")
 
 
+@pytest.mark.slow
 def test_it_ends_after_so_many_seconds(films):
     found, said = ran(films, *FILMS, "--set", "live=true", "--fps", "1", "--seconds", "2.5")
     assert "following for 2.5 s" in said

@@ -76,6 +76,7 @@ def test_two_people_are_followed_and_written_by_name(found):
         assert off_m(found, person, 11) < 0.04
 
 
+@pytest.mark.slow
 def test_both_models_are_drawn_into_the_pictures_in_their_colours(folder, found):
     picture = cv2.imread(str(folder / "overlay" / "camera1_000011.jpg")).astype(int)
     blue, green, red = np.moveaxis(picture, -1, 0)
@@ -130,6 +131,7 @@ def test_keypoints_are_named_by_person(folder):
     assert [off_m(people, k, 0) < 0.05 for k in (0, 1)] == [True, True]
 
 
+@pytest.mark.slow
 def test_people_who_cannot_be_are_one_line(folder, found):
     def start(name, value):
         (folder / name).write_text(json.dumps(value))

@@ -47,6 +47,7 @@ def test_the_take_is_replayed_to_the_bit_from_the_videos(made: Path) -> None:
     assert row["clean"]
 
 
+@pytest.mark.slow
 def test_an_image_of_a_video_takes_a_few_hundred_bytes(made: Path) -> None:
     take = read_take(made / "walk.mcap")
     stored = [one for one in take.frames("c1") if one.frame.format == "file"]

@@ -93,6 +93,7 @@ def test_rotation_loses_neither_elbow_nor_order() -> None:
     assert ours["elbow_median_mm"] < 20
 
 
+@pytest.mark.slow
 def test_a_left_hand_has_its_own_names() -> None:
     made = clip("rotation", 3, 0, 6)
     assert made[1][0].arms[0].left

@@ -78,6 +78,7 @@ def test_without_matplotlib_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path
         plot_grid(ROWS, tmp_path / "grid.png")
 
 
+@pytest.mark.slow
 def test_rendered_frames_are_those_of_right_arms() -> None:
     camera, frames = rendered_frames(("still", "fist"), (100, 102), "exact", images=1)
     found = list(frames)

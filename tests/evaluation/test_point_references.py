@@ -12,6 +12,7 @@ from mocapella.fusion.point_tracks import TracksSettings
 from mocapella.model.point_tracks import SpaceTracks
 
 
+@pytest.mark.slow
 def test_hands_and_body_of_mediapipe_are_near_caliscopes_and_steadier(holistic: Path) -> None:
     near, steady = point_references.holistic(holistic)
     assert near.median_mm <= 8.0

@@ -50,6 +50,7 @@ def test_errors_along_the_axis_and_across_it_are_told_apart(along: float, across
     np.testing.assert_allclose(off, np.broadcast_to([across, 0, along], off.shape), atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, len(SCENE) - 1), st.floats(0.01, 100))
 def test_nothing_that_is_added_makes_a_direction_less_certain(k: int, weight: float) -> None:

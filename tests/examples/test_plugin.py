@@ -204,6 +204,7 @@ def test_an_installer_makes_the_same_of_it(package: Path, tmp_path: Path) -> Non
     assert files == {path.name for path in (EXAMPLE / "src" / "mocapella_thermal").glob("*.py")}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("installed")
 def test_its_own_tests_pass(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from support.programs import Program, free_port, wait_until
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "01_read_results.py"
@@ -21,6 +22,7 @@ def read(port: int) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_it_prints_heads_of_a_running_server(tmp_path: Path) -> None:
     assert len(EXAMPLE.read_text().splitlines()) < 40
     port = free_port()

@@ -92,6 +92,7 @@ def upright(positions: np.ndarray, yaw: float) -> float:
     return float(1 - np.clip((lean - LEANS_FROM) / (LEANS_TO - LEANS_FROM), 0, 1))
 
 
+@pytest.mark.slow
 @given(seeds, models)
 @few
 def test_the_compiled_filter_says_what_the_numpy_form_says(seed: int, name: str) -> None:
@@ -125,6 +126,7 @@ def test_turning_the_world_turns_the_facings(seed: int, name: str, bins: int) ->
         assert other.mirrored.tolist() == one.mirrored.tolist()
 
 
+@pytest.mark.slow
 @given(seeds, angles, st.integers(1, 11))
 @few
 def test_a_world_told_in_another_frame_half_way_changes_nothing_else(seed: int, angle: float, k: int) -> None:
@@ -179,6 +181,7 @@ def test_the_facing_does_not_depend_on_the_labels_and_the_repaired_ones_hardly(s
         assert (other.mirrored != one.mirrored)[clear].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [-50.0, 0.0, 35.0])
 def test_a_body_unlike_the_training_data_faces_as_its_labels_say(degrees: float) -> None:
     """A Kinect v2 that reports 35° sees somebody who faces farther away; another sensor may mean what it reports."""

@@ -81,6 +81,7 @@ def test_a_mirror_image_is_fitted_by_a_rotation_all_the_same(seed: int) -> None:
     np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seeds, st.integers(1, 60), st.floats(0.0, 1.0))
 def test_recursive_is_the_batch_of_all_frames_with_weights_that_fade(seed: int, frames: int, keep: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ def positive(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(B @ B.T + 0.1 * np.eye(n))
 
 
+@pytest.mark.slow
 @given(seeds, sizes, st.sampled_from([0.0, 1e-3, 2.0]))
 def test_the_factor_is_that_of_the_raised_matrix_and_solves_it(seed: int, n: int, damping: float) -> None:
     rng = np.random.default_rng(seed)

@@ -59,6 +59,7 @@ def test_a_pixel_that_the_lens_never_shows_has_no_direction() -> None:
     assert np.isnan(undistort([np.nan, 3.0], FOLDING)).all()
 
 
+@pytest.mark.slow
 @given(
     arrays(np.float64, (9, 2), elements=st.floats(-2, 2) | st.just(np.nan)), st.sampled_from([PINHOLE, BARREL, FOLDING])
 )

@@ -29,6 +29,7 @@ def crossings(field: Float64) -> Float64:
     return np.array(found).reshape(-1, 2)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     st.tuples(st.integers(2, 14), st.integers(2, 14)),

@@ -110,6 +110,7 @@ def derivatives(model: ArmModel, pose: ArmPose, piece: int, part: float, normal:
     return out
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(seeds, sides)
 def test_derivatives_of_the_flesh_are_finite_differences(seed: int, side: Handedness) -> None:
@@ -160,6 +161,7 @@ def distances(pieces: np.ndarray, points: np.ndarray, view: np.ndarray) -> np.nd
     return out
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(seeds, sides)
 def test_a_point_is_assigned_to_the_nearest_piece(seed: int, side: Handedness) -> None:
@@ -280,6 +282,7 @@ def near_its_front(model: ArmModel, pose: ArmPose, points: np.ndarray) -> np.nda
     return np.array(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("side", SIDES)
 def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed: int) -> None:
@@ -306,6 +309,7 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
     np.testing.assert_allclose(told, true, atol=1e-3 * np.abs(true).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(seeds, sides)
 def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side: Handedness) -> None:

@@ -155,6 +155,7 @@ def test_what_is_not_seen_follows_the_chain_and_becomes_less_sure() -> None:
     assert estimate.variances[hidden].mean() > 4 * before[hidden].mean()
 
 
+@pytest.mark.slow
 def test_a_prediction_changes_nothing_grows_less_sure_and_ends() -> None:
     body = ArticulatedBody(KINECT)
     at_s, seen = swaying(20, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -86,6 +87,7 @@ def tree_problem(seed: int) -> tuple[Float64, ...]:
     return x, twists, rng.normal(0.0, 0.05, (JOINTS, 3)), weights, D, e, jacobian(x, twists)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
@@ -106,6 +108,7 @@ def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
     np.testing.assert_allclose(coordinates, np.einsum("jki,il,jkl->j", J, covariance, J) / 3, rtol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_the_variances_of_a_tree_of_independent_angles(seed: int) -> None:
@@ -143,6 +146,7 @@ def test_a_swing_turns_one_direction_to_the_other(seed: int) -> None:
         np.testing.assert_allclose(S.reshape(3, 3) @ S.reshape(3, 3).T, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_a_ball_is_brought_within_its_limits_and_stays_where_it_is_within(seed: int) -> None:

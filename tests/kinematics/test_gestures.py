@@ -218,6 +218,7 @@ def test_a_score_that_is_no_number_is_not_told() -> None:
     assert math.isnan(ramp(math.nan, 0, 1))
 
 
+@pytest.mark.slow
 @given(st.lists(names, min_size=1, max_size=8))
 def test_reset_and_a_time_that_goes_back_are_as_newly_made(path: list[str]) -> None:
     held = [features(landmarks(name)) for name in path for _ in range(5)]

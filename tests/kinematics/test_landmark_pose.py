@@ -46,6 +46,7 @@ def test_landmarks_of_any_pose_within_limits_are_found_again(which: str, seed: i
     np.testing.assert_allclose(landmarks_at(mesh, found), landmarks_at(mesh, true), atol=0.002)
 
 
+@pytest.mark.slow
 @settings(few, max_examples=10)
 @given(seeds)
 def test_thirteen_keypoints_that_are_some_centimetres_off_are_enough_to_begin_with(seed: int) -> None:

@@ -91,6 +91,7 @@ def test_a_step_is_the_least_squares_solution_of_all_rows(seed: int) -> None:
     np.testing.assert_allclose(one.T_world_model[:3, :3], turn @ at.T_world_model[:3, :3], atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(few, max_examples=8)
 @given(seeds)
 def test_rows_are_the_derivatives_of_the_residuals(seed: int) -> None:
@@ -379,6 +380,7 @@ def test_a_rotation_is_one_whatever_it_begins_with() -> None:
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
 
 
+@pytest.mark.slow
 @few
 @given(seeds, st.sampled_from([0.001, 0.01, 0.1]))
 def test_a_step_ends_at_limits_and_is_the_best_for_all_that_is_free(seed: int, width: float) -> None:
@@ -416,6 +418,7 @@ def test_a_limit_is_not_passed_by_rounding() -> None:
     assert passed > 10
 
 
+@pytest.mark.slow
 @settings(few, max_examples=10)
 @given(seeds)
 def test_the_factor_along_paths_is_that_of_the_whole_matrix(seed: int) -> None:

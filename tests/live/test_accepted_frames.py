@@ -129,7 +129,10 @@ def feed(tracker: Tracker, messages: Iterable[bytes]) -> int:
     return accepted
 
 
-@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(name, marks=[pytest.mark.slow] if name == "silhouettes" else []) for name in sorted(METHODS)],
+)
 @settings(max_examples=12, report_multiple_bugs=False)
 @given(data=st.data())
 def test_what_the_decoder_accepts_the_tracker_takes(method: str, data: st.DataObject) -> None:

@@ -82,6 +82,7 @@ def test_a_part_in_which_nothing_is_seen_is_shown_again() -> None:
     assert any("knuckles: no markers were tracked meanwhile" in line for line in actor.said)
 
 
+@pytest.mark.slow
 def test_a_gesture_that_does_not_tell_begins_anew_and_says_why() -> None:
     actor = Actor(lambda phase, time: "flat" if phase == "knuckles" and time == 1 else phase)
     actor.guide().run(measured)

@@ -288,6 +288,7 @@ def test_no_server_is_an_error_and_not_a_hang(tmp_path: Path) -> None:
         open_reader(f"tcp/127.0.0.1:{free_port()}", timeout=0.2)
 
 
+@pytest.mark.slow
 def test_a_port_in_use_is_named(one_server: Served, tmp_path: Path) -> None:
     done = run(tmp_path, "serve", "--port", str(one_server.port), "--no-view")
     assert done.returncode == 1
@@ -298,6 +299,7 @@ def test_a_port_in_use_is_named(one_server: Served, tmp_path: Path) -> None:
     assert "--view-port" in view.stderr
 
 
+@pytest.mark.slow
 def test_who_opens_another_interface_is_told_of_keys(tmp_path: Path) -> None:
     done = run(tmp_path, "serve", "--port", str(free_port()), "--no-view", "--host", "0.0.0.0", "--set", "seconds=0.5")
     assert done.returncode == 0

@@ -36,6 +36,7 @@ def new() -> Session:
     return Session(Setup("stand-still", sensors_expected=3))
 
 
+@pytest.mark.slow
 @given(at=st.integers(0, 1250))
 @settings(max_examples=6, deadline=None)
 def test_a_session_that_restores_another_goes_on_alike_to_the_bit(at: int) -> None:

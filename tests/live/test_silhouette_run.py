@@ -104,6 +104,7 @@ def wrong_way_round(images):
     return {**images, "c1": images["c3"], "c3": images["c1"]}
 
 
+@pytest.mark.slow
 def test_the_videos_of_two_cameras_the_wrong_way_round_are_said_once_somebody_moves():
     for mixed in (False, True):
         run, room = start(aside_m=0.5), Room(RIG)
@@ -203,6 +204,7 @@ def test_it_is_said_that_somebody_came_and_nobody_is_suspected_meanwhile(waited)
     assert note.endswith("the body is there")
 
 
+@pytest.mark.slow
 def test_where_it_waits_is_drawn_in_every_picture(waited):
     _, steps = waited
     outlines = silhouettes_of(MESH, RIG, pose_at(MESH))

@@ -35,6 +35,7 @@ def at(mesh: RiggedMesh, landmark: str, **degrees: float) -> np.ndarray:
     return dict(zip(mesh.landmarks, landmarks_at(mesh, turned(mesh, **degrees)), strict=True))[landmark]
 
 
+@pytest.mark.slow
 @settings(few, max_examples=6)
 @given(sexes, st.floats(1.0, 2.1), st.floats(0.75, 1.4), st.sampled_from([0.8, 1.0, 1.5]))
 def test_a_body_is_a_closed_surface_that_is_its_own_mirror_image(

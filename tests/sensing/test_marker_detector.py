@@ -40,6 +40,7 @@ def detector() -> MarkerDetector:
     return MarkerDetector(learnt)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 40), st.integers(1, 30), st.floats(0.1, 0.9))
 def test_pieces_are_those_of_scipy(seed: int, kinds: int, width: int, height: int, share: float) -> None:
@@ -56,6 +57,7 @@ def test_pieces_are_those_of_scipy(seed: int, kinds: int, width: int, height: in
     assert sorted(map(tuple, found[:count])) == sorted(expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20), st.integers(1, 20), st.floats(0.02, 0.98), st.booleans())
 def test_a_piece_is_filled_between_its_pixels_of_each_row_and_column(

@@ -232,7 +232,7 @@ def test_arrays_need_not_be_contiguous() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_an_outline_is_found(kind: str, step: int) -> None:
     shots = [picture(kind, seed) for seed in range(3)]
     before = [iou(at_every_pixel(s.prior(step)), s.mask) for s in shots]
@@ -290,6 +290,7 @@ def test_a_shadow_is_told_from_a_body() -> None:
     assert min(guided, both) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guided", [True, False])
 def test_the_energy_falls_with_a_background_too(guided: bool) -> None:
     s = picture("shadow", 0)

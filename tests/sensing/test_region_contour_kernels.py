@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ SIZE = 8
 any_floats = arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.floats(width=32))
 
 
+@pytest.mark.slow
 @given(any_floats)
 def test_the_farthest_is_the_largest_and_none_where_one_is_none(phi: np.ndarray) -> None:
     np.testing.assert_array_equal(farthest(phi), abs(phi).max())
@@ -29,6 +31,7 @@ def test_what_becomes_something_else_says_so(both: np.ndarray, same: bool) -> No
     np.testing.assert_array_equal(old, new)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(1, 9), st.integers(1, 4), st.integers(1, 30), st.integers(0, 10_000))
 def test_a_blurred_mask_that_is_kept_up_is_that_of_the_mask(rows: int, blocks: int, flips: int, seed: int) -> None:
@@ -48,6 +51,7 @@ def test_a_blurred_mask_that_is_kept_up_is_that_of_the_mask(rows: int, blocks: i
     assert dirty[place[changed & (place >= 0)]].all()
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(1, 30), st.integers(1, 4), st.sampled_from([1, 3]), st.integers(0, 10_000))
 def test_only_blocks_beside_a_node_that_changed_cost_otherwise(

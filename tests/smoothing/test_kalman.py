@@ -33,6 +33,7 @@ def blanked(path: np.ndarray, gone: np.ndarray) -> np.ndarray:
     return np.where(gone[..., None], np.nan, path)
 
 
+@pytest.mark.slow
 @given(paths, gaps, st.floats(-3, 3), st.floats(-3, 3))
 def test_moving_the_points_moves_the_result_along(path: np.ndarray, gone: np.ndarray, a: float, b: float) -> None:
     T = rigid(rotation_about_x(a) @ rotation_about_y(b), [1, -2, 3])

@@ -103,6 +103,7 @@ def test_a_capsule_is_closed_and_as_thick_as_it_is_said() -> None:
     np.testing.assert_allclose(np.linalg.norm(point - a, axis=1), 0.05)
 
 
+@pytest.mark.slow
 def test_a_scene_is_a_recording() -> None:
     recording = RenderedRecording(rendered_scene("room-stand/3/tof", "rendered:x"), "rendered:x", DepthOptions(fps=0.5))
     images = list(recording.images())

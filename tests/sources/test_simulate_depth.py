@@ -186,6 +186,7 @@ def test_scenes_of_one_period() -> None:
     assert len(list(scene.frames(4.0))) == math.ceil(scene.period_s * 4.0)
 
 
+@pytest.mark.slow
 def test_seeds_change_people_and_sides() -> None:
     arms = [load_depth_scene("rotation", seed=seed, sensor="exact")._actors[0] for seed in range(12)]
     assert len({arm.shape for arm in arms}) >= 4

@@ -285,6 +285,7 @@ def test_every_scenes_cameras_look_at_what_they_should_and_are_its_rig() -> None
 # Finding the markers.
 
 
+@pytest.mark.slow
 def test_the_program_that_learnt_the_colours_finds_the_markers() -> None:
     camera = SimulatedHandCamera(load_hand_scene("demo", seed=2), "right")
     assert [colour.name for colour in camera.profile.colours] == list(camera.scene.names)

@@ -39,6 +39,7 @@ def _depth_in_bodies(eye: np.ndarray, joints: np.ndarray, radii: np.ndarray) -> 
     return deepest
 
 
+@pytest.mark.slow
 @example("exchange", 0.0, -1.45)  # one behind the other
 @settings(max_examples=8, deadline=None)
 @given(st.sampled_from(["exchange", "obstacle", "self-occlusion"]), st.floats(0, 30), st.floats(-3.1, 3.1))

@@ -189,6 +189,7 @@ def test_joints_out_of_view_are_not_tracked_and_the_edge_is_said() -> None:
     assert next(one_sensor(PersonSettings((0, 5.2)), lost=0.0).frames()).frame.bodies == 0, "beyond the range"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["walk", "self-occlusion"])
 def test_labels_are_swapped_where_a_back_is_seen_and_swapping_twice_is_the_truth(name: str) -> None:
     room = changed(name, noise=EXACT, forget_s=60.0)

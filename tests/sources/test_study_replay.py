@@ -293,6 +293,7 @@ def test_a_real_file_s_frames(real_logs: list[StudyLog]) -> None:
                     np.testing.assert_allclose(rigid.apply(T, frame.positions[body]), wanted, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_no_frame_arrives_after_its_row_was_written(real_logs: list[StudyLog]) -> None:
     log = next(log for log in real_logs if "Study_7_Kinect_2_Time_3_11" in log.source)
     for sensor, kinect in (("front", FRONT), ("side", SIDE)):

@@ -209,6 +209,7 @@ def test_each_broken_promise_is_found(make: Callable[[], Any], says: str) -> Non
         check_tracker(make, ARRIVALS)
 
 
+@pytest.mark.slow
 def test_the_default_tracker_keeps_its_promises_and_tracks_a_walker() -> None:
     scenes = check_tracker(lambda: make_tracker("default", sensors_expected=2), walking_arrivals({1: Walker()}, 8.0))
     (person,) = scenes[-1].people

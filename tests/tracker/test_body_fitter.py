@@ -202,6 +202,7 @@ def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> Non
     assert missed_m[1] < 0.1
 
 
+@pytest.mark.slow
 def test_a_limb_turns_about_itself_no_faster_than_it_may() -> None:
     turned = []
     for most in (0.1, 30.0):

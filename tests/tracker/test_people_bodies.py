@@ -140,6 +140,7 @@ def test_a_snapshot_with_a_damaged_memory_of_the_bodies_is_refused_and_the_track
     assert one.snapshot() == tracker().snapshot()
 
 
+@pytest.mark.slow
 def test_people_are_the_same_with_cameras_and_without() -> None:
     with_images = [scene for scene in tracked(other=False) if scene.sensor == "kinect"]
     alone = make_tracker("default")

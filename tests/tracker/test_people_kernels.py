@@ -73,6 +73,7 @@ def view_arrays(**arrays: np.ndarray) -> ViewArrays:
     return ViewArrays(**{name: arrays.get(name, value) for name, value in unused.items()})
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(angles, angles, angles, st.booleans())
 def test_shoulders_and_hips_both_come_to_face_as_the_person_does(

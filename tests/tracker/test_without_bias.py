@@ -83,6 +83,7 @@ def test_what_is_taken_off_is_what_is_declared(mirrored: bool) -> None:
     assert np.abs(declared).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_known_bias_makes_the_layout_and_the_skeleton_worse_no_more() -> None:
     walker = Walker()
     seen = arrivals(walker, 8.0, MODEL)

@@ -688,6 +688,7 @@ def test_a_perspective_that_is_chosen_while_the_view_is_drawn_has_its_own_eyes(s
     until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")
 
 
+@pytest.mark.slow
 def test_who_has_the_watchers_address_sees_all_and_controls_nothing(server, chromium, tab):
     server.change(running=True, phase="tracking")
     with urllib.request.urlopen(server.viewer.url) as answer:

@@ -26,13 +26,28 @@ KINECT_V2: Final = topology("kinect_v2")
 MIRROR: Final = np.array(KINECT_V2.mirror)
 RATE_HZ: Final = 30.0
 
-_HEIGHTS = {"SpineBase": 0.95, "SpineMid": 1.2, "SpineShoulder": 1.42, "Neck": 1.5, "Head": 1.65}
-_SIDE = {  # across, height, forward, and amplitude of the swing [m]
-    "Shoulder": (0.18, 1.40, 0.0, 0.0), "Elbow": (0.25, 1.15, 0.0, 0.1), "Wrist": (0.27, 0.95, 0.08, 0.2),
-    "Hand": (0.27, 0.88, 0.1, 0.22), "HandTip": (0.27, 0.8, 0.12, 0.25), "Thumb": (0.23, 0.87, 0.13, 0.22),
+_CENTRE = {"SpineBase": 0.95, "SpineMid": 1.2, "SpineShoulder": 1.42, "Neck": 1.5, "Head": 1.65}  # height [m]
+_SIDE = {  # across, height, forward, and amplitude of the swing [m]; arms swing against the legs
+    "Shoulder": (0.18, 1.40, 0.0, 0.0), "Elbow": (0.25, 1.15, 0.0, -0.1), "Wrist": (0.27, 0.95, 0.08, -0.2),
+    "Hand": (0.27, 0.88, 0.1, -0.22), "HandTip": (0.27, 0.8, 0.12, -0.25), "Thumb": (0.23, 0.87, 0.13, -0.22),
     "Hip": (0.08, 0.92, 0.0, 0.0), "Knee": (0.1, 0.5, 0.03, 0.12), "Ankle": (0.1, 0.1, -0.02, 0.25),
     "Foot": (0.1, 0.05, 0.1, 0.25),
 }  # fmt: skip
+
+
+def _standing_and_swing() -> tuple[Float64, Float64]:
+    """Joints (25, 3) of a person 1.75 m tall who faces +z, and the amplitudes (25,) of their swing along z [m]."""
+    joints, amplitudes = np.zeros((25, 3)), np.zeros(25)
+    for name, height in _CENTRE.items():
+        joints[KINECT_V2.index(name)] = (0.0, height, 0.02)
+    for part, (across, height, forward, amplitude) in _SIDE.items():
+        for side, sign in (("Left", 1.0), ("Right", -1.0)):
+            joints[KINECT_V2.index(part + side)] = (sign * across, height, forward)
+            amplitudes[KINECT_V2.index(part + side)] = sign * amplitude
+    return joints, amplitudes
+
+
+_STANDING, _SWING = _standing_and_swing()
 
 
 @dataclass(frozen=True)
@@ -66,13 +81,8 @@ class Walker:
         x, z = self.size * np.sin(a), self.size * np.sin(2 * a) / 2
         heading = np.arctan2(np.cos(a), np.cos(2 * a)) if self.speed else np.pi
         swing = np.sin(2 * np.pi * 0.9 * t) if self.speed else 0.0
-        joints = np.zeros((25, 3))
-        for name, height in _HEIGHTS.items():
-            joints[KINECT_V2.index(name)] = (0.0, height, 0.02)
-        for part, (across, height, forward, reach) in _SIDE.items():
-            arm = -1.0 if part in ("Elbow", "Wrist", "Hand", "HandTip", "Thumb") else 1.0
-            for side, sign in (("Left", 1.0), ("Right", -1.0)):
-                joints[KINECT_V2.index(part + side)] = (sign * across, height, forward + sign * arm * reach * swing)
+        joints = _STANDING.copy()
+        joints[:, 2] += _SWING * swing
         joints *= self.stature / 1.75
         pose = rigid(rotation_about_y(heading), (self.centre[0] + x, 0.0, self.centre[1] + z))
         return apply(pose, joints)
@@ -120,8 +130,9 @@ class WalkerSensor:
             Skeletons in the sensor's camera space, by ascending id.
         """
         seen = []
+        T_sensor_world = inverse(self.T_world_sensor)
         for body in sorted(walkers):
-            p = apply(inverse(self.T_world_sensor), walkers[body].at(t))
+            p = apply(T_sensor_world, walkers[body].at(t))
             p = p + self.noise * self.rng.normal(size=p.shape)
             wrong = self.rng.random(len(p)) < self.outliers
             p[wrong] += self.rng.normal(size=(wrong.sum(), 3))
