@@ -24,9 +24,8 @@ from mocapella.kinematics.hand_solvers import (
 )
 from mocapella.model.hand import DIGIT_ANGLES, HandModel, HandShape, hand_model_from_toml
 
-pytestmark = (
-    pytest.mark.slow
-)  # the solvers' kernels, which no method runs by default, are compiled for these tests alone
+# No method runs these solvers by default: their kernels are compiled for these tests alone.
+pytestmark = pytest.mark.slow
 
 seeds = st.integers(0, 2**32 - 1)
 anywhere = arrays(np.float64, (5, 3), elements=st.floats(allow_nan=True, allow_infinity=True) | st.floats(-0.3, 0.3))
