@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocapella.calibration.sensor_layout import SensorLayout, decode_layout
+from mocapella.calibration.sensor_layout import VERSION, SensorLayout, decode_layout, encode_layout
 from mocapella.errors import MocapellaError, NotNowError, SettingsError, WireError
 from mocapella.geometry.rigid import rigid
 from mocapella.live.session import Session
@@ -78,6 +78,21 @@ def test_a_damaged_memory_leaves_a_tracker_that_takes_the_next_one(method: str) 
             session.carry_out("restore", {**good, "tracker": text})
         session.carry_out("restore", good)
     assert session.memory() == good
+
+
+@pytest.mark.parametrize("damage", [{"tracker": "AAAA"}, {"names": {"first": "Ada"}}, {"rig": "{}"}])
+def test_a_memory_that_is_refused_changes_nothing(damage: dict[str, object]) -> None:
+    session, other = new(), new()
+    before = session.memory()
+    for arrival in arrivals()[:100]:
+        other.step(arrival)
+    layout = encode_layout(SensorLayout(VERSION, True, {}, [])).decode()
+    memory = {**other.memory(), "names": {"1": "Ada"}, "rig": layout}
+    with pytest.raises(WireError):
+        session.carry_out("restore", {**memory, **damage})
+    assert session.memory() == before
+    session.carry_out("restore", memory)
+    assert session.memory() == memory
 
 
 def test_stop_and_start_begin_anew() -> None:

@@ -14,7 +14,7 @@ import msgspec
 
 from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout
 from mocapella.decoding import FAULTS
-from mocapella.errors import NotNowError, SettingsError, WireError, one_of
+from mocapella.errors import InputError, NotNowError, SettingsError, WireError, one_of
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
@@ -224,11 +224,12 @@ class Session:
 
     def _restore(self, arguments: Mapping[str, Any]) -> str:
         try:
-            self.layout = decode_layout(arguments[_LAYOUT].encode()) if _LAYOUT in arguments else None
+            layout = decode_layout(arguments[_LAYOUT].encode()) if _LAYOUT in arguments else None
+            names = {int(person): str(name) for person, name in arguments.get("names", {}).items()}
             self._tracker.restore(base64.b64decode(arguments["tracker"], validate=True))
-            self.names = {int(person): str(name) for person, name in arguments.get("names", {}).items()}
-        except FAULTS as error:
+        except (*FAULTS, InputError) as error:
             raise WireError(f"no state that the tracker can go on from ({error!r})") from error
+        self.layout, self.names = layout, names
         return "restored"
 
     def _name(self, arguments: Mapping[str, Any]) -> str:

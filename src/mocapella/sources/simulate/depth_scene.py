@@ -255,12 +255,12 @@ class DepthScene:
         """Return the poses of the arms at a time since the scene's start [s], in the camera frame."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
-    def from_camera(self, T_camera_first: Float64) -> DepthScene:
+    def from_camera(self, T_other_this: Float64) -> DepthScene:
         """Return the scene as seen by another camera of this kind, as a new object with other noise.
 
-        ``T_camera_first`` (4, 4) is from this camera's frame to the other's, also if this is not the first camera.
+        ``T_other_this`` (4, 4) is from this camera's frame to the other camera's.
         """
-        return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
+        return DepthScene(self.name, self.settings, self.sensor, self.seed, T_other_this @ self.T_camera_first)
 
     def _seen(self, pose: ArmMeshPose) -> ArmMeshPose:
         """Transform a pose from the first camera's frame to this camera's."""
