@@ -37,6 +37,7 @@ import numpy as np
 import pytest
 import typer.testing
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 from xdist.scheduler import LoadScopeScheduling
 
 from mocapella.registry import load
@@ -50,6 +51,9 @@ typer.testing._get_command = cache(typer.testing._get_command)
 settings.register_profile("same", deadline=None, derandomize=True, max_examples=50)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+if settings.get_current_profile_name() == "same":
+    # Else examples would have constants of all modules that a worker has loaded, which depend on its other tests.
+    providers.is_local_module_file = lambda path: False
 
 BROWSERS = (
     "viewer/test_view_in_browser.py",

@@ -295,6 +295,20 @@ def test_nobody_jumps_when_the_sensor_in_whose_space_all_is_told_goes_silent() -
             before = person.positions[0]
 
 
+@pytest.mark.parametrize("first", ["front", "side"])
+def test_nobody_jumps_while_a_sensor_is_placed_better_whichever_sent_the_first_frame(first: str) -> None:
+    off = SIDE.copy()
+    off[:3, 3] += (0.2, 0.0, -0.15)
+    tracker = told({"front": FRONT, "side": off})
+    arrivals = frames({1: Walker()}, 6.0, noise=0.005)
+    scenes = run(tracker, [one for one in arrivals if one.frame.sensor == first or one.at_ns > 0.1e9])
+    middles = np.array([scene.people[0].positions[0] for scene in scenes if scene.people])
+    place = {place.sensor: place.T_world_sensor for place in scenes[-1].sensors}["side"]
+    assert place is not None
+    assert np.linalg.norm(place[:3, 3] - off[:3, 3]) > 0.1  # it was placed better
+    assert np.linalg.norm(np.diff(middles[10:], axis=0), axis=-1).max() < 0.05
+
+
 def test_one_sensor_alone_is_enough_to_track_and_says_that_it_is_alone() -> None:
     tracker = DefaultTracker(sensors_expected=1)
     scenes = run(tracker, frames({1: Walker()}, 2.0, {"front": standing_at(0, 0)}, noise=0.01))
@@ -311,7 +325,7 @@ def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_
     tracker._now_s += DefaultSettings().keep_root_s
     assert tracker._choose_root(alone) == "back"
     tied = {name: placed(name, root="side") for name in ("back", "front", "side")}
-    assert tracker._choose_root(tied) == "front"
+    assert tracker._choose_root(tied) == "side"  # who is tied to it moves along
     nobody = DefaultTracker(sensors_expected=3)
     run(nobody, frames({}, 1.0, {"front": FRONT}))
     assert nobody._choose_root(alone) == "back"

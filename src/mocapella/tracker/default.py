@@ -330,7 +330,7 @@ class DefaultTracker:
         self._places = self._sensor_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
-        """Return the root sensor, whose space defines the world: the old one, unless more others are connected."""
+        """Return the root sensor, whose space defines the world: that of the old component, unless one is larger."""
         tied: dict[str, list[str]] = {}
         for name, sensor in sensors.items():
             if sensor.trusted:
@@ -341,7 +341,8 @@ class DefaultTracker:
         own = tied.get(sensors[self._root].root, [])
         if len(most) < 2 or (self._root in own and len(own) == len(most)):
             self._outvoted_s = None
-            return self._root
+            root = sensors[self._root].root  # with another, all people would jump in the world as poses are refined
+            return root if {root, self._root} <= set(own) else self._root
         # A change would lose the visible people; usually the root is tied to the others a little later.
         self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
         seen = self._tracks.memory.present.any()
@@ -475,9 +476,7 @@ _REMEMBERED: Final = (
     PairSettings,
     PeopleState,
     PlacedSensor,
-    SensorLayout,
-    LayoutPair,
-    LayoutSensor,
+    *(SensorLayout, LayoutPair, LayoutSensor),
     SensorPair,
     SensorPose,
     SensorTracks,
