@@ -7,7 +7,14 @@ from typing import Any
 
 from support.programs import free_port, result_here, run_here
 
-from mocapella.model.session import CommandReply, Descriptors, RecordingHealth, ServerHealth, SessionStatus
+from mocapella.model.session import (
+    CommandReply,
+    Descriptors,
+    PersonCondition,
+    RecordingHealth,
+    ServerHealth,
+    SessionStatus,
+)
 from mocapella.testing import FakeServer, sensor_health, session_status
 
 HEALTH = ServerHealth(
@@ -17,6 +24,7 @@ HEALTH = ServerHealth(
 )  # fmt: skip
 STATUS = session_status(
     sensors=(sensor_health("front", dropped=4, behind=1, calibration="9 mm"), sensor_health("left", problem="gone")),
+    people_conditions=(PersonCondition(2, "left knee: sensors and body model disagree by 50°"),),
     recording=RecordingHealth(True, "takes/a.mcap", frames=7, lost=1), health=HEALTH,
 )  # fmt: skip
 
@@ -39,6 +47,7 @@ def test_all_that_matters_is_said_and_problems_come_last(tmp_path: Path) -> None
         "front: good; 30 Hz, 900 frames, 4 dropped (1 because tracking was too slow), 0 rejected, latency 2.1 ms, "
         "clock +12.30 ± 0.40 ms, 9 mm",
         "left: gone; 30 Hz, 900 frames, 0 dropped, 0 rejected, latency 2.1 ms, clock +12.30 ± 0.40 ms",
+        "person 2: left knee: sensors and body model disagree by 50°",
         "latency: p50 1.2 ms, p99 9.0 ms",
         "recording: takes/a.mcap, 7 frames, 1 lost",
         "disk: 5.0 GB left",
@@ -56,6 +65,7 @@ def test_programs_get_it_as_json(tmp_path: Path) -> None:
     with serving(STATUS) as server:
         row = result_here(tmp_path, "status", "--connect", server.address)
     assert row["health"]["errors"] == HEALTH.errors
+    assert [(one["person"], one["condition"][:9]) for one in row["people_conditions"]] == [(2, "left knee")]
     assert row["health"]["disk_free_bytes"] == 5_000_000_000
     assert [(sensor["name"], sensor["behind"]) for sensor in row["sensors"]] == [("front", 1), ("left", 0)]
     assert row["health"]["descriptors"] == {"used": 95, "limit": 100}

@@ -13,6 +13,7 @@ from support.messages import small_scene
 
 from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, RunSummary
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
+from mocapella.model.session import PersonCondition
 
 
 @given(st.lists(st.floats(2e-6, 50.0), min_size=1, max_size=300), st.sampled_from([50.0, 90.0, 99.0, 100.0]))
@@ -77,6 +78,21 @@ def test_every_condition_is_told_of_with_its_times_also_when_another_holds_as_we
     ]
     assert row["conditions_left_out"] == 0
     assert (row["phase"], row["reason"]) == ("tracking", "left: moved")
+
+
+def test_a_persons_condition_is_told_of_with_the_persons_number() -> None:
+    summary = RunSummary(began_ns=0)
+    knee = "left knee: sensors and body model disagree by 50°"
+    state = TrackerState(Phase.TRACKING, reason="left: moved")
+    scene = msgspec.structs.replace(small_scene(2), state=state, sensors=())
+    people = tuple(msgspec.structs.replace(one, condition=knee if k else "") for k, one in enumerate(scene.people))
+    summary.scene(scene.with_parts(people=people), None, 10**9)
+    bent = [PersonCondition(one.id, knee) for one in people[1:]]
+    assert summary.people_conditions == tuple(bent)
+    summary.scene(scene, None, 2 * 10**9)
+    assert summary.people_conditions == ()
+    said = {one["condition"]: one["results"] for one in summary.as_json(TrackerState(Phase.TRACKING))["conditions"]}
+    assert said == {"left: moved": 2} | {f"person {one.person}: {knee}": 1 for one in bent}
 
 
 def test_of_many_conditions_the_newest_are_kept_and_the_others_counted() -> None:

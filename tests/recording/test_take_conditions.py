@@ -14,10 +14,11 @@ from mocapella.recording.take_conditions import LONGEST_GAP_S, condition_interva
 PROBLEMS = ("it was moved: walk", "its clock jumped back")
 
 
-def status(at_s: float, reason: str, *names: str) -> tuple[int, dict[str, Any]]:
+def status(at_s: float, reason: str, *names: str, people: object = ()) -> tuple[int, dict[str, Any]]:
     return round(at_s * NS_PER_S), {
         "reason": reason,
         "sensors": [{"name": name} for name in names or ("front", "side")],
+        "people_conditions": people,
     }
 
 
@@ -41,6 +42,15 @@ def test_a_moved_sensor_has_an_interval_and_what_lasts_ends_with_the_take() -> N
     ]
 
 
+def test_a_person_has_an_interval_too() -> None:
+    knee = [{"person": 2, "condition": "left knee: sensors and body model disagree by 50°"}]
+    statuses = [status(0, ""), status(1, "side: lost", people=knee), status(3, "side: lost", people=[])]
+    assert rows(statuses) == [
+        ("", "person 2: left knee: sensors and body model disagree by 50°", 1.0, 3.0),
+        ("side", "lost", 1.0, 3.0),
+    ]
+
+
 def test_a_pair_is_one_problem_whoever_the_other_is() -> None:
     statuses = [status(0, "side: with front: walk"), status(1, "side: with left: walk"), status(2, "")]
     assert rows(statuses) == [("side", "walk", 0.0, 2.0)]
@@ -56,7 +66,12 @@ def test_an_interruption_and_a_clock_that_begins_anew_end_an_interval() -> None:
 
 
 def test_what_is_no_status_of_ours_has_no_problems() -> None:
-    assert rows([(0, {}), (1, {"reason": None, "sensors": ["front"]}), status(0, "front", "front")]) == []
+    others = [
+        {"reason": None, "sensors": ["front"]},
+        {"sensors": 5, "people_conditions": {"person": 1}},
+        {"sensors": {}},
+    ]
+    assert rows([*enumerate([{}, *others]), status(0, "front", "front", people=["knee"])]) == []
 
 
 @given(st.lists(st.lists(st.booleans(), min_size=4, max_size=4), max_size=12))

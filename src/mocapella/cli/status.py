@@ -46,6 +46,8 @@ def lines(now: SessionStatus) -> Iterator[str]:
         yield sensor_line(sensor)
     if not now.sensors:
         yield "no sensor yet"
+    for one in now.people_conditions:
+        yield f"person {one.person}: {one.condition}"
     health, take = now.health, now.recording
     if health.latency_ms:
         yield "latency: " + ", ".join(f"{name} {value:.1f} ms" for name, value in health.latency_ms.items())

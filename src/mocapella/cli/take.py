@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @take_app.command()
 def info(take: TakeArgument, json: JsonOut = None) -> None:
-    """Print what is in a take: its origin, the stored and missing frames of each sensor, and when sensors had problems.
+    """Print what is in a take: its origin, the stored and missing frames of each sensor, and when there were problems.
 
     Example:  mocapella take info walk-1
     """
@@ -30,7 +30,8 @@ def info(take: TakeArgument, json: JsonOut = None) -> None:
     began_ns = found.runs[0].info.started_ns if found.runs else 0
     intervals = condition_intervals(found.statuses(), began_ns)
     for one in intervals:
-        say(f"{one.sensor}: from {one.from_s:.0f} to {one.to_s:.0f} s: {one.condition}")
+        who = f"{one.sensor}: " if one.sensor else ""
+        say(f"{who}from {one.from_s:.0f} to {one.to_s:.0f} s: {one.condition}")
     write_json(json, {**row, "conditions": [asdict(one) for one in intervals]})
 
 

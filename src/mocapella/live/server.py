@@ -421,6 +421,7 @@ class Server:
             frames_wanted=state.frames_wanted,
             reason=state.reason,
             counts={name: count for name, count in self.summary.counts.items() if session.running},
+            people_conditions=self.summary.people_conditions if session.running else (),
             scenes=self.summary.scenes_out,
             scenes_hz=round(self.summary.rate_hz(now_ns), 1),
             setup=session.setup,

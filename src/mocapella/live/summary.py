@@ -14,6 +14,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.conditions import conditions
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
+from mocapella.model.session import PersonCondition
 from mocapella.registry import load
 
 
@@ -91,8 +92,10 @@ class RunSummary:
         state_changes: changes of the tracker's phase.
         latencies: from a frame's sending to its scene, where the clocks are known.
         began_ns: start of the run on the clock of its scenes [ns]; set to the first scene's time if None.
-        conditions: reports of faults and tasks by their text; the newest `MOST_CONDITIONS`.
+        conditions: reports of faults and tasks by their text; the newest `MOST_CONDITIONS`. A person's begins with
+            ``person ID: ``.
         conditions_left_out: number of older conditions, which are not kept.
+        people_conditions: conditions of people in the newest scene.
         places: the sensors' poses in the newest scene.
         labels: counts of swapped labels by sensor.
         times: completion of the newest 1024 scenes, on the monotonic clock [ns].
@@ -110,6 +113,7 @@ class RunSummary:
     began_ns: int | None = None
     conditions: dict[str, Condition] = field(default_factory=dict)
     conditions_left_out: int = 0
+    people_conditions: tuple[PersonCondition, ...] = ()
     places: tuple[SensorPlace, ...] = ()
     labels: dict[str, Labels] = field(default_factory=dict)
     times: deque[int] = field(default_factory=lambda: deque(maxlen=1024))
@@ -130,8 +134,11 @@ class RunSummary:
         self._note_labels(scene)
         if self.began_ns is None:
             self.began_ns = done_ns
-        if scene.state.reason:
-            self._note_conditions(scene.state.reason, (done_ns - self.began_ns) / NS_PER_S)
+        self.people_conditions = tuple(PersonCondition(one.id, one.condition) for one in scene.people if one.condition)
+        texts = scene.state.reason.split("; ") if scene.state.reason else []
+        texts += [f"person {one.person}: {one.condition}" for one in self.people_conditions]
+        for text in texts:
+            self._note_condition(text, (done_ns - self.began_ns) / NS_PER_S)
         if latency is not None:
             self.latencies.add(latency)
 
@@ -162,16 +169,15 @@ class RunSummary:
             labels.repairs += len(now - labels.swapped_now)
             labels.swapped_now = now
 
-    def _note_conditions(self, reason: str, at_s: float) -> None:
-        for text in reason.split("; "):
-            known = self.conditions.get(text)
-            if known is not None:
-                known.last_s, known.results = at_s, known.results + 1
-                continue
-            if len(self.conditions) == MOST_CONDITIONS:
-                del self.conditions[min(self.conditions, key=lambda old: self.conditions[old].last_s)]
-                self.conditions_left_out += 1
-            self.conditions[text] = Condition(at_s, at_s)
+    def _note_condition(self, text: str, at_s: float) -> None:
+        known = self.conditions.get(text)
+        if known is not None:
+            known.last_s, known.results = at_s, known.results + 1
+            return
+        if len(self.conditions) == MOST_CONDITIONS:
+            del self.conditions[min(self.conditions, key=lambda old: self.conditions[old].last_s)]
+            self.conditions_left_out += 1
+        self.conditions[text] = Condition(at_s, at_s)
 
     def state(self, at_s: float, phase: str, reason: str) -> None:
         """Add a change of the tracker's state: time since the start of the run [s], phase and reason."""

@@ -273,6 +273,19 @@ class ServerHealth:
 
 
 @dataclass(frozen=True)
+class PersonCondition:
+    """A condition of one person in the newest scene (`mocapella.model.scene.Person.condition`).
+
+    Attributes:
+        person: the person's id.
+        condition: text for users, such as ``left knee: sensors and body model disagree by 50°``.
+    """
+
+    person: int
+    condition: str
+
+
+@dataclass(frozen=True)
 class SessionStatus:
     """The server's complete state for views and scripts.
 
@@ -284,6 +297,7 @@ class SessionStatus:
             calibration still needs and needs in total.
         reason: why the calibration restarted, or what to do; empty if there is neither.
         counts: number of parts in the newest scene, by the name of their type.
+        people_conditions: conditions of people in the newest scene, in its order.
         scenes: number of scenes so far.
         scenes_hz: rate of scenes over the last seconds [Hz].
         setup: the present setup.
@@ -313,6 +327,7 @@ class SessionStatus:
     version: str
     next_take: str = ""
     counts: dict[str, int] = field(default_factory=dict)
+    people_conditions: tuple[PersonCondition, ...] = ()
     health: ServerHealth = field(default_factory=ServerHealth)
 
     @property

@@ -1,4 +1,4 @@
-"""Times at which sensors of a take had problems, such as a camera that was moved, from the take's stored statuses."""
+"""Times at which a take's sensors and people had problems, such as a camera that was moved, from its statuses."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LONGEST_GAP_S: Final = 5.0
 
 @dataclass(frozen=True)
 class ConditionInterval:
-    """Time in which a sensor had a problem.
+    """Time in which a sensor had a problem, or a person a condition.
 
     Attributes:
-        sensor: name of the sensor.
-        condition: the problem and its remedy, as the view showed it.
+        sensor: name of the sensor; empty for a person.
+        condition: the problem and its remedy, as the view showed it; a person's begins with ``person ID: ``.
         from_s, to_s: times of the first status with the problem, and of the first without it or else of the last
             status [s]; a server stores five a second.
     """
@@ -54,6 +54,13 @@ def condition_intervals(statuses: Iterable[tuple[int, dict[str, Any]]], began_ns
 
 
 def _problems(status: dict[str, Any]) -> dict[tuple[str, str], None]:
-    """Return (sensor, problem) of each problem in a status."""
-    sensors = {str(one.get("name")) for one in status.get("sensors", ()) if isinstance(one, dict)}
-    return {(name, text): None for name, text in problems(str(status.get("reason", "")), sensors) if name}
+    """Return (sensor, problem) of each problem in a status; the sensor is empty for people's."""
+    sensors = {str(one.get("name")) for one in _objects(status.get("sensors"))}
+    found = {(name, text): None for name, text in problems(str(status.get("reason", "")), sensors) if name}
+    people = _objects(status.get("people_conditions"))
+    return found | {("", f"person {one.get('person')}: {one.get('condition')}"): None for one in people}
+
+
+def _objects(value: object) -> list[dict[str, Any]]:
+    """Return the JSON objects of an array; none of anything else."""
+    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
