@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from mocapella.errors import SettingsError
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.topology import UNKNOWN_FIELD_OF_VIEW_DEG, Topology, topology, topology_from_toml, topology_names
 
 ALL = [topology(name) for name in topology_names()]
@@ -124,7 +124,7 @@ def test_the_field_of_view_is_the_files_and_else_the_stated_one() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[parts]", "field_of_view_deg = [70, 180]\n[parts]", r"field_of_view_deg is \[70, 180\].*below 180"),
+        ("[parts]", "field_of_view_deg = [70, 180]\n[parts]", r"field_of_view_deg is \[70.0, 180.0\].*below 180"),
         ('["Root", "R"]]', '["Root", "X"]]', "a bone names 'X'; joints are Root, L, R"),
         ('mirror = [["L", "R"]]', 'mirror = [["L", "Y"]]', "a mirror pair names 'Y'"),
         ('root = "Root"', 'root = "Roof"', r"part root names 'Roof'.*did you mean Root\?"),
@@ -134,11 +134,26 @@ def test_the_field_of_view_is_the_files_and_else_the_stated_one() -> None:
         ('[["Root", "L"],', '[["R", "L"],', "bone R–L does not continue the tree"),
         ('["Root", "R"]]', '["L", "Root"]]', "bone L–Root does not continue the tree"),
         (', ["Root", "R"]]', "]", "no bone reaches R"),
+        ('root = "Root"', 'head = "Root"', "parts has no root"),
     ],
 )
 def test_a_text_that_is_no_topology_is_refused(old: str, new: str, message: str) -> None:
     assert ARM.count(old) == 1
     with pytest.raises(SettingsError, match="topology arm: " + message):
+        topology_from_toml(ARM.replace(old, new), "arm")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('mirror = [["L", "R"]]', "", "missing required field `mirror`"),
+        ("mirror = ", "miror = ", "unknown field `miror`"),
+        ('["Root", "L", "R"]', '["Root", "L", 3]', "Expected `str`, got `int`"),
+        ('["Root", "L"]', '["Root"]', "length 2"),
+    ],
+)
+def test_a_missing_or_wrong_field_is_named(old: str, new: str, message: str) -> None:
+    with pytest.raises(InputError, match="(?i)is no topology arm: .*" + message):
         topology_from_toml(ARM.replace(old, new), "arm")
 
 

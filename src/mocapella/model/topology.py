@@ -13,7 +13,9 @@ from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any, Final
 
-from mocapella.decoding import decode_toml
+import msgspec
+
+from mocapella.decoding import convert, decode_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check
 
@@ -69,17 +71,28 @@ class Topology:
         return {name: i for i, name in enumerate(self.joints)}
 
 
+class _TopologyFile(msgspec.Struct, forbid_unknown_fields=True):
+    """Content of a topology's TOML file; see docs/sensors.md."""
+
+    joints: list[str]
+    bones: list[tuple[str, str]]
+    mirror: list[tuple[str, str]]
+    parts: dict[str, str]
+    field_of_view_deg: tuple[float, float] = UNKNOWN_FIELD_OF_VIEW_DEG
+    mapping: dict[str, dict[str, str | dict[str, float]]] = {}
+
+
 def topology_from_toml(text: str, name: str) -> Topology:
     """Read and validate a topology from the text of its TOML file; ``name`` becomes its name.
 
     Raises:
-        InputError: the text is no TOML.
-        SettingsError: a bone, pair or mapping names an unknown joint, the bones are not a tree from the root, a joint
-            has two mirror images, the field of view is impossible, or a mapping's weights do not sum to 1 or differ
-            between left and right.
+        InputError: the text is no TOML, or a field is missing, unknown or of another type.
+        SettingsError: a bone, pair or mapping names an unknown joint, there is no root, the bones are not a tree from
+            it, a joint has two mirror images, the field of view is impossible, or a mapping's weights do not sum to 1
+            or differ between left and right.
     """
-    data = decode_toml(text)
-    joints = tuple(data["joints"])
+    file = convert(decode_toml(text), _TopologyFile, what=f"topology {name}")
+    joints = tuple(file.joints)
     place = {joint: i for i, joint in enumerate(joints)}
 
     def at(joint: str, what: str) -> int:
@@ -87,14 +100,16 @@ def topology_from_toml(text: str, name: str) -> Topology:
             raise SettingsError(f"topology {name}: {what} names {joint!r}; joints are {one_of(joint, joints)}")
         return place[joint]
 
-    bones = tuple((at(a, "a bone"), at(b, "a bone")) for a, b in data["bones"])
+    bones = tuple((at(a, "a bone"), at(b, "a bone")) for a, b in file.bones)
     mirror = list(range(len(joints)))
-    for left, right in data["mirror"]:
+    for left, right in file.mirror:
         i, j = at(left, "a mirror pair"), at(right, "a mirror pair")
         if mirror[i] != i or mirror[j] != j or i == j:
             raise SettingsError(f"topology {name}: {left} and {right} cannot be a mirror pair, one is paired already")
         mirror[i], mirror[j] = j, i
-    parts = {part: at(joint, f"part {part}") for part, joint in data["parts"].items()}
+    parts = {part: at(joint, f"part {part}") for part, joint in file.parts.items()}
+    if "root" not in parts:
+        raise SettingsError(f"topology {name}: parts has no root; it is the joint at which the bones begin")
     reached = {parts["root"]}
     for parent, child in bones:
         if parent not in reached or child in reached:
@@ -106,14 +121,12 @@ def topology_from_toml(text: str, name: str) -> Topology:
     if len(reached) != len(joints):
         missing = ", ".join(joint for i, joint in enumerate(joints) if i not in reached)
         raise SettingsError(f"topology {name}: no bone reaches {missing}")
-    across, high = data.get("field_of_view_deg", UNKNOWN_FIELD_OF_VIEW_DEG)
+    across, high = file.field_of_view_deg
     check(
         0 < across < 180 and 0 < high < 180, f"topology {name}: field_of_view_deg", [across, high], "above 0, below 180"
     )
-    made = Topology(name, joints, bones, tuple(mirror), parts, (float(across), float(high)))
-    mappings = {
-        other: weights_from_table(made, topology(other), table) for other, table in data.get("mapping", {}).items()
-    }
+    made = Topology(name, joints, bones, tuple(mirror), parts, (across, high))
+    mappings = {other: weights_from_table(made, topology(other), table) for other, table in file.mapping.items()}
     return replace(made, mappings=mappings)
 
 
