@@ -324,7 +324,7 @@ class Tracks:
             expected: (tracks, middle joints, 3) predicted for all tracks, by row of `memory` before the call, world
                 [m]; the last seen position is used for a track without a finite one, and for all if None.
             at_s: capture time, on the common clock [s].
-            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them, people are not
+            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; if None, people are not
                 recognised by size.
 
         Returns:

@@ -63,7 +63,7 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
     Args:
         views: one or more `usable` views of this camera, of one image size.
         board: the calibration board.
-        known: the camera, if its lens is given and stays fixed.
+        known: the camera, whose lens stays fixed; None to estimate the lens.
 
     Returns:
         The camera, with the pose of the board in each view, in the order of ``views``.

@@ -79,8 +79,10 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             most: greatest number of candidates.
-            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
-            but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned;
+                None: all.
+            but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out;
+                None: none.
 
         Returns:
             Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.

@@ -95,6 +95,8 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
 def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) -> None:
     """Apply point j's oldest stored observation to its filter for good, and remove it from the buffer, in place.
 
+    Before the filter has begun, the observation is only removed.
+
     Args:
         j: index of the point.
         memory: updated.

@@ -99,7 +99,7 @@ def flesh(
         rows: (5, DIGIT) written: ``digits`` scaled to the arm's sizes.
         joints: (5, 4, 3) written: joints and tip of each digit [m].
         axes: (5, 5, 3) written: unit axis of each of a digit's angles.
-        pieces: (15 + k + 3, PIECE) written.
+        pieces: (15 + k + 3, PIECE) written: capsules of the digits, the palm, the forearm (2) and the upper arm [m].
     """
     s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
     for d in range(5):

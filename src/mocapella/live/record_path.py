@@ -384,8 +384,8 @@ def request_of(
     Args:
         take: identity of the take.
         state: state of the node's frames at the last commit; None if none has come.
-        first: number of the node's first frame that belongs to the take, if it was known when the take began.
-        age_ns: time since the take began [ns]; the node determines the first frame from it if it is not known.
+        first: number of the node's first frame that belongs to the take; None if it was unknown when the take began.
+        age_ns: time since the take began [ns]; the node determines the first frame from it if ``first`` is None.
         settled: frames below this number can be requested, because they are not on their way any more.
         under_way: (first, last) of frames that were asked for already.
         most: frames to ask for.

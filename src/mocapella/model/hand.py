@@ -248,8 +248,8 @@ class HandModel:
 
         Args:
             handedness: left or right.
-            hand_length_m: from the wrist to the tip of the middle finger [m]; the reference's if not given.
-            hand_breadth_m: across the knuckles [m]; proportional to the length if not given.
+            hand_length_m: from the wrist to the tip of the middle finger [m]; None for the reference's.
+            hand_breadth_m: across the knuckles [m]; None makes it proportional to the length.
             person: name of the person.
 
         Raises:

@@ -29,7 +29,7 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
         confidences: (markers,) from 0 to 1.
         elongations: (markers,) long axis over short axis of the marker's region, NaN where not seen. Like
             ``candidates``, it is not part of a message, so None in a frame from a node or a take.
-        candidates: (markers,) number of the image's regions that could be the marker; at most 255.
+        candidates: (markers,) number of the image's regions that could be the marker; at most 255; None as above.
     """
 
     size_px: tuple[int, int]

@@ -126,7 +126,7 @@ class SensorHealth:
         dropped: number of live frames that were skipped for a newer one, or lost in transfer.
         rejected: number of rejected messages.
         clock_offset: node's monotonic clock minus the server's [s]; None until measured.
-        clock_bound: largest error of the offset [s]; it grows while the node does not answer.
+        clock_bound: largest error of the offset, None until measured [s]; it grows while the node does not answer.
         stored: number of its frames that are in the present or last take.
         lost: number of its frames that are known to be missing from that take.
         tilt: upward tilt, as configured, or else from its frames [rad].
@@ -328,7 +328,7 @@ class CommandReply:
     Attributes:
         ok: whether it was carried out.
         message: the result, or the error and a remedy.
-        status: the session right after it.
+        status: the session right after it; None if unknown.
     """
 
     ok: bool

@@ -142,7 +142,7 @@ def background_contour(
         model: learnt from images of the same size and camera.
         window: the part of the image that is segmented; its phi is the shape prior if ``guided``, else it is ignored.
         guided: whether the window's phi is a prior, as for `region_contour`.
-        ignore: (height, width) bool, True for pixels without information.
+        ignore: (height, width) bool, True for pixels without information; None for none.
         settings: weights and limits; of those for local densities, only ``outliers`` and ``median`` are used.
         energies: whether energies are computed, which takes longer.
 

@@ -147,8 +147,9 @@ class BackgroundMemory:
             image: (height, width) or (height, width, 3) uint8.
             person: the person's silhouette in an aligned window, of this memory's step and with a multiple of it as
                 origin. Samples inside, and nearer to it than ``guard_steps``, are not learnt. None: no person is seen.
-            others: (height, width) bool, True on other people, whose pixels are not learnt either.
-            covered: (rows, columns) uint8 of the window, another mask of the person, not 0 on samples not to learn.
+            others: (height, width) bool, True on other people, whose pixels are not learnt either; None: no others.
+            covered: (rows, columns) uint8 of the window, another mask of the person, not 0 on samples not to learn;
+                None for none.
 
         Raises:
             InputError: an image of another size than the first, a mask of another size than the image or the window, or

@@ -156,7 +156,7 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
         bodies: the skeletons.
         time_ns: capture time, on the sensor's own clock.
         sequence: number of the frame.
-        ids: mapping from old to new tracking ids; other ids are kept.
+        ids: mapping from old to new tracking ids; other ids, or all if None, are kept.
     """
     return body_frame(
         bodies.sensor,

@@ -109,7 +109,7 @@ class SilhouettePresence:
         return [self._bodies, self.empty.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same bodies and rig."""
+        """Restore the state that `memory` returned for the same bodies and rig."""
         self.reset()
         self._bodies, empty = memory
         self.empty.recall(empty)

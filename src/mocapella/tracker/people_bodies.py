@@ -105,7 +105,7 @@ class PeopleBodies:
         return [inner, self._alignment.memory(), {name: getattr(self, name) for name in _OWN}]
 
     def recall(self, memory: Any) -> None:
-        """Restore the state that `memory` returned; with the same settings."""
+        """Restore the state that `memory` returned for the same settings."""
         inner, alignment, own = memory
         if self._tracker is not None:
             self._tracker.restore(inner)

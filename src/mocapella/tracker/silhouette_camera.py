@@ -114,7 +114,7 @@ class SilhouetteCamera:
         return [self.step_px, background, self.usually.memory(), self.covers.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same ``step_px``, its first element."""
+        """Restore the state that `memory` returned for the same ``step_px``, its first element."""
         _, background, usually, covers = memory
         if self.background is not None:
             self.background.recall(background)

@@ -186,7 +186,7 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
 
     Args:
         model: one of `MODELS`.
-        height_m: subject height, if given [m].
+        height_m: subject height; None if not given [m].
         proportions: lengths of segments [m], by name.
 
     Raises:

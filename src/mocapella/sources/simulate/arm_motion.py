@@ -315,7 +315,7 @@ def untangled(
         wished: (21,) wished angles, in the order of `mocapella.model.hand.ANGLES` [rad].
         start: (21,) start of the search [rad]; None for the wished angles.
         touch: (n, 3) indices of two digits that must touch, and a weight from 0 to 1. The thumb (0) is first and
-            touches with its tip; two fingers touch with their sides.
+            touches with its tip; two fingers touch with their sides. None for no touch.
         flesh: radii of the capsules: of the digits (5, 4), and half the palm's thickness [m]; None for the mesh's own.
     """
     radii, palm_m = flesh or _flesh(mesh)

@@ -77,7 +77,8 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lens: fx, fy, cx, cy [px].
         unit_m: length of a unit of the image [m].
         distance_m: least and greatest distance of the hands in scenes [m].
-        structured_light, time_of_flight: noise model of the camera; at most one of them, neither for a perfect camera.
+        structured_light, time_of_flight: noise model of the camera, at most one of them; a perfect
+            camera has neither.
     """
 
     size_px: tuple[int, int]
@@ -258,7 +259,7 @@ class DepthScene:
     def from_camera(self, T_camera_first: Float64) -> DepthScene:
         """Return the scene as seen by another camera of this kind, as a new object with other noise.
 
-        ``T_camera_first`` (4, 4) is from this camera's frame to the other's, also if this is not the first camera.
+        ``T_camera_first`` (4, 4) maps from this camera's frame to the other's, even if this is itself such a view.
         """
         return DepthScene(self.name, self.settings, self.sensor, self.seed, T_camera_first @ self.T_camera_first)
 
@@ -304,12 +305,12 @@ class DepthScene:
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
-        """Render a sequence of images; without an end, one `period_s`.
+        """Render a sequence of images.
 
         Args:
             fps: frame rate [Hz].
             start_s: time of the first image [s].
-            end_s: time before which the sequence ends [s].
+            end_s: time before which the sequence ends; None for one `period_s` [s].
         """
         end = start_s + self.period_s if end_s is None else end_s
         for i in range(math.ceil((end - start_s) * fps - 1e-9)):
