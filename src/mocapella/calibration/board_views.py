@@ -107,7 +107,7 @@ def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corner
     """Concatenate the corners of views, for `board_bundle.adjust`.
 
     Args:
-        views: of each view the index of its camera, the index of its board pose, and the view.
+        views: for each view the index of its camera, the index of its board pose, and the view.
         board: gives the corners' positions.
     """
     counts = [len(view.ids) for _, _, view in views]

@@ -287,7 +287,7 @@ def add_view(
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
         seen: yaw that the labels imply, relative to the direction to the sensor, folded into [−π/2, π/2) [rad].
-        score: of `shape_score`.
+        score: log-odds that the body faces the sensor, of `shape_score`.
         by: yaw of the direction from the person to the sensor, relative to the first bin's [rad].
         weight, shape_weight: weights of the yaw and of the shape.
         model: the facing model's tables.
@@ -314,7 +314,7 @@ def add_labels(evidence: Float64, reported: float, weight: float, tables: Float6
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
         reported: yaw that the labels imply, relative to the first bin's [rad].
-        weight: of the log-likelihoods.
+        weight: factor of the log-likelihoods.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
     """
     c, s = np.cos(reported), np.sin(reported)

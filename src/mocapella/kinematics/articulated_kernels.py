@@ -183,8 +183,7 @@ def _fit(
     """Fit the pose to a frame by Gauss–Newton steps about the prediction.
 
     Args:
-        model, row: of `correct`; the row's pose is changed.
-        frame: of `correct`; residuals and weights are written.
+        model, row, frame: as in `correct`; the row's pose is changed, residuals and weights are written.
         known: whether the row was predicted, rather than initialised from this frame.
         dt: time since the last update [s].
         origin, positions, variances, R: the fitted pose, written.
@@ -293,7 +292,7 @@ def _learn_motion(layout: MemoryLayout, row: Float64, total: Float64, posterior:
     """Update velocities and variances after a step, by each velocity's covariance with its degree of freedom.
 
     Args:
-        layout, row: of `correct`.
+        layout, row: layout of the memory, and its row, updated.
         total, posterior: (dofs,) the step, and the variances after it.
         body: (9,) the root's rotation before the step.
     """

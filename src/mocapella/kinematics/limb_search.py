@@ -132,7 +132,7 @@ def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Lim
 
     Args:
         mesh: the body's mesh and its tree.
-        settings: of these, ``points`` is used: the number of sampled vertices of a limb.
+        settings: only ``points`` is used, the number of sampled vertices of a limb.
     """
     parents, found = mesh.tree.parents, []
     solid = capsules_of(mesh)

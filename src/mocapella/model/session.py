@@ -136,8 +136,8 @@ class SensorHealth:
         capture_offset: estimate of the server's monotonic clock minus the clock of its capture times [s]: the smallest
             difference of arrival and capture time, so too large by the smallest latency; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
-        frames_before, dropped_before: of ``frames`` and ``dropped``, the numbers before tracking began.
-        behind: of ``dropped``, the number skipped because the tracker was too slow, rather than lost in transfer.
+        frames_before, dropped_before: the parts of ``frames`` and ``dropped`` before tracking began.
+        behind: the part of ``dropped`` skipped because the tracker was too slow, rather than lost in transfer.
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
         clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
         clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
@@ -195,11 +195,11 @@ class RecordingHealth:
 
     Attributes:
         active: whether it is running.
-        path: of the take; empty before the first recording.
-        frames, scenes: number on the disk.
-        lost: frames that are known to be missing.
-        size_bytes: of the file.
-        seconds: duration so far, or of the take [s].
+        path: path of the take; empty before the first recording.
+        frames, scenes: numbers of frames and scenes on the disk.
+        lost: number of frames that are known to be missing.
+        size_bytes: size of the file [bytes].
+        seconds: duration so far, or of the ended take [s].
         problem: why it stopped by itself; empty if it did not.
         unknown: nodes of the ended take whose last frame is not known.
         unwritten: entries that could not be written, such as an invalid one; frames among them count as lost.
@@ -292,7 +292,7 @@ class SessionStatus:
         next_take: proposed name for the next take, which no take in the server's folder has.
         notices: messages for users, the newest last, such as refused nodes and changes of state.
         uptime: time since the server started [s].
-        version: of Mocapella.
+        version: Mocapella's version.
         health: state of the server itself.
     """
 

@@ -48,7 +48,7 @@ class MemorySettings:
             larger: fewer images are rejected [standard deviations].
         strange_sd: a sample farther than this from its mean counts as changed in the foreground score of colour
             images, the vote of five samples; larger: less is foreground [standard deviations].
-        strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
+        strange_gray_sd: ``strange_sd`` for gray images, where shadows cannot be distinguished [standard deviations].
         shadow: least brightness of a sample in shadow, as a share of its usual one; smaller: darker shadows are not
             foreground; 1: no sample is in shadow [0 to 1].
         shadow_sd: largest distance of such a sample from its darkened colour; larger: more is taken for shadow [grey

@@ -207,7 +207,7 @@ def walking_arrivals(
         sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
             are evenly staggered.
         begin_s: true time of the first frame [s], rounded to 1/30 s; frames are numbered from ``30 * begin_s``.
-        noise, outliers: of `WalkerSensor`.
+        noise, outliers: fields of each `WalkerSensor`: standard deviation of a coordinate [m], and fraction of joints.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors
     made = [
