@@ -60,9 +60,9 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     As many arms as possible are matched within the gates, at the smallest total cost.
 
     Args:
-        palms: (n, 3) of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
+        palms: (n, 3) palms of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
         sides: (n,) confidence of a left arm, from −1 (right) to 1.
-        known_palms, known_sides: (m, 3) and (m,) palms and sides of the tracked arms, predicted to the frame's time.
+        known_palms, known_sides: (m, 3) palms [m] and (m,) sides of the tracked arms, predicted to the frame's time.
         followed: (n, m) whether the camera's arm has the same camera id as this tracked arm had before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
         settings: gates and penalties; the defaults if None.

@@ -227,7 +227,7 @@ def assign(cost: Float64, allowed: Bools) -> Int64:
     """Solve the linear assignment problem: as many allowed pairs as possible, one to one, at the smallest total cost.
 
     Args:
-        cost: (n, m) of each pair; finite where allowed, and may be negative. n or m may be 0.
+        cost: (n, m) cost of each pair, finite where allowed, in any unit; may be negative. n or m may be 0.
         allowed: (n, m) whether the pair is allowed.
 
     Returns:

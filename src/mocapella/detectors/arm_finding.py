@@ -79,10 +79,10 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             most: greatest number of candidates.
-            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned;
-                None: all.
-            but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out;
-                None: none.
+            near: (3,) or (k, 3) points in the camera frame [m]; None for all candidates, else only those within 15 cm
+                of one are returned.
+            but: None, or (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left
+                out.
 
         Returns:
             Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.

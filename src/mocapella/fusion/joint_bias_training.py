@@ -113,8 +113,8 @@ def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: F
     Args:
         session: the views.
         of_view: (frames, 2, TERMS) regressors of each view's bias.
-        R: (frames, 2, 3, 3) from the body's axes to the sensor's space.
-        weights: (TERMS, joints, 3) of the bias.
+        R: (frames, 2, 3, 3) rotations from the body's axes to the sensor's space.
+        weights: (TERMS, joints, 3) weights of the bias [m].
     """
     bias = np.tensordot(of_view, weights, axes=1)
     first, second = np.moveaxis(session.positions - bias @ np.swapaxes(R, -1, -2), 1, 0).reshape(2, -1, 3)

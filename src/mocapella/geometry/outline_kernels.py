@@ -247,7 +247,7 @@ def alike(mask: UInt8, phi: Float32) -> float:
 
     Args:
         mask: (rows, columns) uint8.
-        phi: (rows, columns) float32 signed distance, above 0 inside.
+        phi: (rows, columns) float32 signed distance, above 0 inside [px].
     """
     both = either = 0
     for i in range(len(mask)):

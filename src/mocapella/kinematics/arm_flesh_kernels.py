@@ -230,11 +230,11 @@ def relevance(
 
     Args:
         points: (m, 3) camera frame [m].
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        R, t: (9,), (3,) motion from the palm's frame to the camera frame, rotation by rows; translation [m].
         v: (STATE,) sizes and directions.
         length: length of the shape's hand, before its size factor [m].
         forearm: length of the shape's forearm, before its size factor [m].
-        beyond: weight of points away from hand and forearm.
+        beyond: weight of points away from hand and forearm, 0 to 1.
         out: (m,) written: 1 near the hand, 0.5 near the forearm, else ``beyond``.
     """
     for i in range(len(points)):
@@ -278,7 +278,7 @@ def visible(
         pieces: (pieces, PIECE) of `flesh`.
         places: (k, 3) for each landmark the index of its piece, the position along it from 0 to 1, and 1 if the piece
             ends there, else 0.
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        R, t: (9,), (3,) motion from the palm's frame to the camera frame, rotation by rows; translation [m].
         front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         near: largest distance of the image's surface from the flesh's [m].
         out: (k,) written, 0 to 1; 0 if no surface around the landmark faces the camera.

@@ -374,7 +374,7 @@ def move(layout: MemoryLayout, memory: Float64, T: Float64) -> None:
 
     Args:
         layout: layout of a body's memory, of `ArticulatedModel`.
-        memory: (people, memory_size), changed.
+        memory: (people, memory_size) a state in each row, changed.
         T: (4, 4) rigid motion from the old to the new world frame.
     """
     for p in range(len(memory)):

@@ -263,8 +263,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         most: greatest number of candidates.
         near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned, found on
             a coarser grid; None: the whole image is searched.
-        but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out;
-            None: no candidate is.
+        but: None, or (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out.
 
     Returns:
         Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.

@@ -193,8 +193,8 @@ class BodyFitter:
         Args:
             images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
             time_ns: capture time, on the common clock; after that of the last frame.
-            others: (height, width) masks, by camera: pixels of other people, which are no evidence for this body;
-                None: no others.
+            others: (height, width) masks, by camera: pixels of other people, if any, which are no evidence for
+                this body.
 
         Returns:
             The fitted body; if no image shows it, its pose is the predicted one, and ``seen`` is empty.

@@ -355,8 +355,8 @@ def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64,
 
     Args:
         mesh: the arm.
-        joints: (4,) of `ArmMeshPose` [rad].
-        R_camera_palm: (3, 3) orientation of the palm.
+        joints: (4,) angles of `ArmMeshPose` [rad].
+        R_camera_palm: (3, 3) orientation of the palm in the camera frame.
         at: (3,) position of the point in the camera frame [m].
         which: index of the point in `mocapella.model.arms.ARM_POINTS`.
     """
