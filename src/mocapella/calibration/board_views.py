@@ -48,7 +48,7 @@ class OneCamera:
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_board: (4, 4) for each view, in order.
         sigma_px: standard deviation of a corner's coordinate [px].
-        covariance: (9, 9) of the lens; 0 if it was given.
+        covariance: (9, 9) covariance of the lens; 0 if it was given.
     """
 
     lens: Float64

@@ -125,7 +125,7 @@ class KinematicArmDetector:
         is none. Once an arm has fitted well for some images, a search for further ones is spread over several.
 
         Args:
-            depth: (height, width) [m]; 0 where nothing was measured. What is kept of it is copied.
+            depth: (height, width) [m]; 0 where nothing was measured. It may be changed afterwards.
             at_s: the image's capture time [s], which rises from image to image.
 
         Raises:

@@ -93,7 +93,7 @@ class Output(Protocol):
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
 
-        ``at_s`` is the time since the file's first frame [s].
+        ``at_s`` is the time since the file's first frame [s]; people without a position are left out.
         """
 
 

@@ -118,7 +118,7 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
     """Return the weighted mean of the views' hand angles, by the sum of each view's weights of the angle's digit.
 
     Args:
-        angles: (views, 21) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
+        angles: (views, 21) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
         weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks. If no point of a
             digit was used, its angles are unweighted means of the views.
 

@@ -332,7 +332,7 @@ def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float,
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
-        velocity: (3,) of the person, y up [m/s]; NaN or a slow one adds nothing.
+        velocity: (3,) velocity of the person, y up [m/s]; NaN or a slow one adds nothing.
         zero: yaw of the first bin [rad].
         factor: weight of the log-likelihoods.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
@@ -391,7 +391,7 @@ def update(
         positions: (bodies, joints, 3) with the sensor's labels, world, y up [m]; NaN where not seen.
         toward: (bodies,) yaw from the person to the sensor [rad].
         at: capture time on the common clock [s].
-        velocities: (bodies, 3) of the persons, world [m/s]; NaN where unknown.
+        velocities: (bodies, 3) velocities of the persons, world [m/s]; NaN where unknown.
         zero: yaw of the first bin [rad].
         memory: updated in place.
         model, factors: the facing model's tables, and the weights of the evidence.

@@ -47,7 +47,7 @@ class FacingSequence(msgspec.Struct, frozen=True, eq=False):
         at_s: (frames,) capture times, increasing, on one clock [s].
         view: observations with the axes (frames, views), see `mocapella.fusion.facing_shape.view_of`.
         toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
-        velocity: (frames, 3) of the person in the world, from past frames only [m/s]; NaN where unknown.
+        velocity: (frames, 3) velocity of the person in the world, from past frames only [m/s]; NaN where unknown.
         known_yaw: (frames,) facing that the participant was asked to take, world [rad]; NaN if none.
     """
 

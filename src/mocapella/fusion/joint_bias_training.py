@@ -31,8 +31,8 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         positions: (frames, 2, joints, 3) each in its own sensor's space, rotated to y up, with labels that agree [m];
             NaN where missing.
-        facing: (frames, 2) of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
-        position, velocity: (frames, 2, 3) of the fused person in each sensor's space, likewise [m, m/s].
+        facing: (frames, 2) facing of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
+        position, velocity: (frames, 2, 3) those of the fused person in each sensor's space, rotated to y up [m, m/s].
         weight: (frames,) weight of each frame in the fit.
     """
 

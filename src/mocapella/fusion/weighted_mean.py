@@ -148,7 +148,7 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
     Args:
         offsets: (views, joints, 3) before [m].
         views: (views, joints, 3), not corrected by the offsets [m]; NaN where not seen.
-        mean: (joints, 3) of the uncorrected views [m].
+        mean: (joints, 3) mean of the uncorrected views [m].
         dt: time step, 0 or more [s].
         settings: the settings.
 

@@ -39,7 +39,7 @@ def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Floa
     Args:
         p, q: (..., n, 3) [m]; pairs with a non-finite coordinate or velocity are ignored.
         weights: (..., n), by default 1; pairs with a weight of 0 or less, or NaN, are ignored.
-        velocities: (..., n, 3) of q [m/s], by default 0.
+        velocities: (..., n, 3) velocities of q [m/s], by default 0.
 
     Returns:
         (..., `MOMENTS`), in the order of the module's table; all 0 without a valid pair. Add them to join subsets.

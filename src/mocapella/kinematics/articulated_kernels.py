@@ -54,7 +54,7 @@ class Measurements(NamedTuple):
 
     Attributes:
         positions: (joints, 3) measured [m]; NaN where not measured.
-        variances: (joints,) of a coordinate [m²]; not finite where not measured.
+        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
         residuals: (joints, 3) measured − estimated [m]; undefined where not measured. Written.
         weights: (joints,) information [1/m²], the robust weight included; 0 where not measured. Written.
         robust: (joints,) weights of the robust loss, from 0 to 1; 0 where not measured. Written.

@@ -122,7 +122,7 @@ def depths(ends: Float64, radii: Float64, pairs: Int64, deep: Float64) -> None:
 
     Args:
         ends: (n, c, 2, 3) end points of the capsules' axes in each pose [m].
-        radii: (c,) of the capsules [m].
+        radii: (c,) radii of the capsules [m].
         pairs: (q, 2) indices of two capsules.
         deep: (n,) written [m].
     """

@@ -122,7 +122,7 @@ class MovedSince:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
 
     def memory(self) -> dict[str, tuple[UInt8, Bool]]:
-        """Return the state for `recall`: the object's own, not a copy."""
+        """Return the state for `recall`: first images and body positions, the object's own arrays, not copies."""
         return self._first
 
     def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:

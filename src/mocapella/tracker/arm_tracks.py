@@ -99,7 +99,7 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         arm: the arm as detected.
         at_s: capture time, on the common clock [s].
-        velocity: (23, 3) of the points in the order of `mocapella.model.arms.ARM_POINTS` [m/s].
+        velocity: (23, 3) velocity of the points in the order of `mocapella.model.arms.ARM_POINTS` [m/s].
     """
 
     arm: SeenArm
@@ -119,7 +119,7 @@ class ArmTrack:
         at_s: time of the fused values, on the same clock [s].
         points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) `JointState` and (23,) standard deviation of a
             coordinate [m], in the order of `mocapella.model.arms.ARM_POINTS`; NaN for an unknown point.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where unknown.
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN where unknown.
         T_world_palm: (4, 4) pose of the palm; None if unknown.
         gesture, gesture_sure: recognised gesture, and its confidence from 0 to 1.
         grabbing: whether the hand holds on to something.

@@ -294,7 +294,7 @@ def views_in_use(
         layout: joints with a special role.
         up: (3,) unit vector upwards, in the space of the people.
         yaw: facing of the person [rad]; NaN where not known.
-        velocities: (joints, 3) of the person [m/s].
+        velocities: (joints, 3) velocities of the person [m/s].
         views: the newest views.
         used, corrected, variances, offsets: the first rows are written, one for each view in use: (sensors,) columns,
             (sensors, joints, 3) positions [m], (sensors, joints) variances [m²], and (sensors, joints, 3) offsets [m].

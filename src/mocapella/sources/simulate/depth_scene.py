@@ -127,10 +127,10 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         left: whether it is a left arm.
-        points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
-            landmark, see `mocapella.model.hand_flesh`.
+        points: (23, 3) positions of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius
+            beyond its landmark, see `mocapella.model.hand_flesh`.
         shoulder: (3,) position of the shoulder, which is none of ``points`` [m].
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad].
         T_camera_palm: (4, 4) pose of the palm's frame, see `mocapella.model.hand`.
         seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the
             surface of its last bone from 8 mm before the landmark to the end) has at least 6 pixels in the image, or at
