@@ -83,7 +83,7 @@ class ArmOwners:
             joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known. Distances are means over
                 the joints that arm and limb both have; without one, the pair is not assigned.
             people: ids of the m people; may be empty.
-            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN likewise.
+            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN if unknown.
 
         Returns:
             (n,) id of each arm's person, −1 for none.

@@ -213,7 +213,7 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
     Args:
         bodies: (n, joints, 3) [m]; NaN where not seen.
-        people: (m, joints, 3), in the same frame [m]; NaN likewise.
+        people: (m, joints, 3), in the same frame [m]; NaN where not seen.
 
     Returns:
         (n, m) [m]; infinite without a common joint.

@@ -89,7 +89,7 @@ class KinematicArmDetector:
 
     Args:
         camera: name, size and lens of the depth camera; its lens distortion is not used.
-        settings: thresholds and rates; the defaults if not given.
+        settings: thresholds and rates; the defaults if None.
 
     Attributes:
         camera, settings: as given.

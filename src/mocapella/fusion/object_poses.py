@@ -79,7 +79,8 @@ class ObjectPoseSettings:
             motion is followed [ratio].
         speed_sd: standard deviation of a new object's speed along an axis; larger: its motion is followed sooner, with
             more jitter at first [m/s].
-        turn_sd: standard deviation of a new object's angular speed about an axis; larger: likewise [rad/s].
+        turn_sd: standard deviation of a new object's angular speed about an axis; larger: its rotation is followed
+            sooner, with more jitter at first [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation for the frame to be used; larger: wrong markers
             are left out more rarely [standard deviations].
         keep_s: a frame that is older than the newest one by more than this is dropped; larger: later cameras count, at

@@ -86,7 +86,7 @@ def cover(
         left, top: position of the first sample [px].
         step: distance between samples [px].
         nearest: (rows, columns) float64 1/z of the nearest surface, 0 for none [1/m]; updated, so the caller resets it.
-        which: (rows, columns) integer index of its triangle, −1 for none; updated likewise.
+        which: (rows, columns) integer index of that surface's triangle, −1 for none; updated.
     """
     h, w = which.shape
     scale = 1.0 / step

@@ -140,7 +140,7 @@ class ArmQualityMeter:
     """Measures the quality of arms frame by frame, by capture time.
 
     Args:
-        settings: thresholds; the defaults if not given.
+        settings: thresholds; the defaults if None.
     """
 
     def __init__(self, settings: ArmQualitySettings | None = None) -> None:

@@ -128,7 +128,7 @@ def correct(
         measured: (joints, 3) world [m]; NaN where not measured.
         measured_variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
         positions: (joints, 3) written: world [m]; NaN while the body is not known.
-        variances: (joints,) written: variance of a coordinate [m²]; likewise.
+        variances: (joints,) written: variance of a coordinate [m²]; NaN while the body is not known.
 
     Returns:
         Whether the body is known.

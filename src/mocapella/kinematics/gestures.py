@@ -346,8 +346,8 @@ class HandGestures:
     """Recognises the gestures and grasps of one hand, instant by instant.
 
     Args:
-        settings: thresholds; the defaults if not given.
-        gestures: the gestures to recognise; by default, those in `GESTURES` at this time.
+        settings: thresholds; the defaults if None.
+        gestures: the gestures to recognise; None for those in `GESTURES` at this time.
 
     Raises:
         SettingsError: two gestures of one name, or one without a name.

@@ -60,8 +60,8 @@ class LimbSearchSettings:
             [ratio].
         better: gain of the score above which a lost limb moves to the new pose; larger: fewer wrong moves, and more
             limbs stay lost [ratio].
-        much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: likewise
-            [ratio].
+        much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: fewer wrong
+            moves, and more limbs stay misplaced [ratio].
         per_m: cost of penetrating limbs, in units of the score; larger: they are avoided more [1/m].
 
     Raises:
@@ -219,7 +219,7 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         pose: pose of the body's tree, within its limits; only the limb differs from the former one.
-        worth, was: scores of that pose and of the former one, at most 1; the module defines them.
+        worth, was: scores of ``pose`` and of the former pose, at most 1, as the module defines them.
     """
 
     pose: TreePose

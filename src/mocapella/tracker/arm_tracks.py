@@ -55,8 +55,8 @@ class ArmTracksSettings:
             [s].
         velocity_s: time constant of the velocity filter of a hand as a rigid whole; larger: less jitter of extrapolated
             views, but more error when the hand turns back [s].
-        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand; larger: likewise
-            [s].
+        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand; larger: less jitter,
+            but more error when fingers turn back [s].
         acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2;
             larger: older views count less [m/s²].
         shown_for_s: time for which an unseen arm is reported, as inferred [s].

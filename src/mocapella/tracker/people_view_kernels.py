@@ -220,7 +220,7 @@ def turn_views(
         column: column of the sensor.
         dts: (bodies,) time since each person's previous view [s].
         parameters: the settings.
-        lines: (lines, 2) see above.
+        lines: (lines, 2) indices of the left and the right joint of each line.
         facing: the facing filter's results for the frame.
         yaw: (people,) facing of all people [rad], updated.
         views: updated.

@@ -133,7 +133,7 @@ def check_joints(model: str, joints: Mapping[str, Float64], file: object = None)
     Args:
         model: name of the body model; any other than `MODELS` needs no joint.
         joints: position of each joint, by its name; only the names are checked.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: one is missing; lists those needed.
