@@ -61,8 +61,8 @@ class ArmFinder:
         models: model of a right and a left arm, by side.
         lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
         settings: settings of the segmentation of arms.
-        believe: cost above which a fit is rejected.
-        gain: least expected reduction of the cost for trying another posture of a digit.
+        believe: cost (`Fitted.cost`) above which a fit is rejected.
+        gain: least expected reduction of that cost for trying another posture of a digit.
     """
 
     models: Mapping[Handedness, ArmModel]

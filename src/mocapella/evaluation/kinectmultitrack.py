@@ -69,7 +69,7 @@ class Output(Protocol):
 
     @property
     def wander_m_per_min(self) -> float:
-        """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
+        """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs [m/min]."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
         """Return both views of each pair, in the reference sensor's camera space.

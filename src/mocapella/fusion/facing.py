@@ -102,8 +102,8 @@ class FacingTables(NamedTuple):
         across: (pairs, 2) indices of left and right joints that give the yaw, in the order of preference.
         joints: (1 + terms, 2) indices of head and SpineBase; then of the feature and the joint of each term, one for
             each joint with a weight in a shape feature (`FEATURES`).
-        weights: (terms,) these weights; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 1,) of the features: means, spreads, linear weights, weights of squares; constant.
+        weights: (terms,) weights of these joints in the features; empty if the model has no shapes for the topology.
+        classifier: (4 · features + 1,) means, spreads, linear weights and weights of squares of the features; constant.
     """
 
     tables: Float64

@@ -93,9 +93,9 @@ def flesh(
         mirror: -1 for a left hand, else 1.
         radii: (6, 5) radii of `ArmArrays` [m].
         palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
-        columns, gains: (5, 5) of `ArmArrays`.
+        columns, gains: (5, 5) index and factor of the free angle that a digit's angle follows, see `ArmArrays`.
         z: (n,) free angles [rad].
-        v: (STATE,) sizes and directions.
+        v: (STATE,) the arm's sizes, and directions of forearm and upper arm in the palm's frame.
         rows: (5, DIGIT) written: ``digits`` scaled to the arm's sizes.
         joints: (5, 4, 3) written: joints and tip of each digit [m].
         axes: (5, 5, 3) written: unit axis of each of a digit's angles.

@@ -120,7 +120,7 @@ class SensorHealth:
         silent: whether no frame has arrived yet, or none for longer than the limit (`mocapella.model.pace`).
         local: whether the node runs on the server's machine.
         bodies: number of items, such as people, in its newest frame; 0 if it is silent.
-        rate_hz: frame rate over the last seconds.
+        rate_hz: frame rate over the last seconds [Hz].
         latency: from publication to result, median of the last seconds [s]; None if unknown.
         frames: number of tracked live frames.
         dropped: number of live frames that were skipped for a newer one, or lost in transfer.

@@ -417,7 +417,7 @@ class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
     """A frame's bodies, each assigned to a person.
 
     Attributes:
-        sensor: name.
+        sensor: name of the sensor.
         rows: (bodies,) row of each body's person, each once.
         ids: (bodies,) tracking ids.
         at_s, positions, states, own_positions, bias, sensor_position, clipped: see
