@@ -26,7 +26,7 @@ class ArmOwnerSettings:
     Attributes:
         take_m: largest mean distance of elbow, wrist and hand for an arm to be assigned to a person; larger: arms are
             assigned in spite of larger errors, also to wrong people [m].
-        keep_m: largest such distance for an arm to stay with its present person [m].
+        keep_m: largest mean distance, as ``take_m``, for an arm to stay with its present person [m].
         other_side_m: penalty, added to the distance, of assigning the arm to a limb of the other side; larger: the
             sides are trusted more [m].
         switch_m: penalty, added to the distance, of changing the arm's present limb; larger: arms change their limbs

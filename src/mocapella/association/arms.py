@@ -25,8 +25,8 @@ class ArmMatchSettings:
     Attributes:
         within_m: largest distance between the palms of a camera's arm and of its tracked arm, including the penalty
             ``other_side_m``; larger: fast arms keep their ids, but near arms are mixed up more easily [m].
-        follow_m: largest such distance for an arm that the camera itself reports under the id that the tracked arm had
-            before; larger: the camera's own ids are trusted farther [m].
+        follow_m: largest distance, as ``within_m``, for an arm that the camera itself reports under the id that the
+            tracked arm had before; larger: the camera's own ids are trusted farther [m].
         other_side_m: penalty, added to the distance, of an arm that is certainly of the other side; less for an
             uncertain side; larger: left and right arms are matched more rarely [m].
         new_id_m: penalty, added to the distance, of an arm that has another id in the camera than before; larger: the

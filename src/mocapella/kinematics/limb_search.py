@@ -47,7 +47,8 @@ class LimbSearchSettings:
             round n is this divided by 2ⁿ [rad].
         farther_rad: standard deviation of the joint angles of the second third about the present pose [rad].
         kept: number of best poses about which new ones are drawn in each round, ever nearer [poses].
-        again: number of poses drawn about each of them in a round; larger: a better pose, at more work [poses].
+        again: number of poses drawn about each of the ``kept`` ones in a round; larger: a better pose, at more work
+            [poses].
         rounds: number of rounds, in each of which poses are drawn half as far away; larger: a finer pose, at more work
             [rounds].
         per_rad2: cost of a rotation from the present pose, in units of the score; larger: nearer poses are preferred
@@ -56,8 +57,8 @@ class LimbSearchSettings:
             limbs avoid what looks like the background more [ratio].
         against: share of background samples above which a limb may be lost; larger: limbs are searched for more rarely
             [0 to 1].
-        astray: score, at most 1, below which such a limb is searched for; larger: limbs are searched for more often
-            [ratio].
+        astray: score, at most 1, below which a limb that may be lost is searched for; larger: limbs are searched for
+            more often [ratio].
         better: gain of the score above which a lost limb moves to the new pose; larger: fewer wrong moves, and more
             limbs stay lost [ratio].
         much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: fewer wrong

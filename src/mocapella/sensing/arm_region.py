@@ -48,7 +48,7 @@ class ArmRegionSettings:
         finger_m: greatest width of a finger; a wider branch of the surface may be the forearm [m].
         hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it; larger: hands that
             are more hidden are found, also false ones [0 to 1].
-        nearer_m: least difference in depth to such a surface [m].
+        nearer_m: least difference in depth between a hand and a surface that occludes it [m].
         branch_m: least length of a branch of the surface, such as a finger [m].
         points: largest number of points of a region; larger: more accurate, at more work [points].
 

@@ -51,8 +51,8 @@ class MemorySettings:
         strange_gray_sd: ``strange_sd`` for gray images, where shadows cannot be distinguished [standard deviations].
         shadow: least brightness of a sample in shadow, as a share of its usual one; smaller: darker shadows are not
             foreground; 1: no sample is in shadow [0 to 1].
-        shadow_sd: largest distance of such a sample from its darkened colour; larger: more is taken for shadow [grey
-            levels].
+        shadow_sd: largest distance of a sample in shadow from its darkened colour; larger: more is taken for shadow
+            [grey levels].
         every: stride between the samples that decide whether an image shows this room; larger: less work, less certain
             [samples].
 

@@ -39,7 +39,7 @@ class PeopleArmsSettings:
 
     Attributes:
         depth_of: name of the body sensor that a depth camera is a part of, by camera name; both have one pose.
-        rig: text of a camera rig file with one of these depth cameras and others beside it; empty for none.
+        rig: text of a camera rig file with one of the cameras of ``depth_of`` and others beside it; empty for none.
         tracks: tracking and fusion of arms.
         owners: assignment to people.
 
