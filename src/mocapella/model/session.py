@@ -328,7 +328,7 @@ class CommandReply:
     Attributes:
         ok: whether it was carried out.
         message: the result, or the error and a remedy.
-        status: the session right after it; None if unknown.
+        status: the session right after it; None if the reply does not give it.
     """
 
     ok: bool

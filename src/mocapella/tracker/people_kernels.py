@@ -332,7 +332,7 @@ def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, vi
     Args:
         now_s: newest capture time so far, on the common clock [s].
         view_age_s: age of the oldest view in use [s].
-        positions: (people, joints, 3) predicted, world [m]; NaN where not known.
+        positions: (people, joints, 3) predicted positions [m]; NaN where not known.
         states: (people, joints) `JointState`, updated.
         view_at: (people, sensors) capture times of the newest views [s].
     """

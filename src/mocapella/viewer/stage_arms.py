@@ -100,7 +100,7 @@ class ArmsShown:
 
     Attributes:
         centre: (3,) point of the world that is drawn at the centre of each view [m].
-        quality: metrics of the joints' noise and of misdetections; None if there are none.
+        quality: metrics of the joints' noise and of misdetections; None if not measured.
         cloth: (rows, columns, 3) points of a simulated cloth in the world [m]; None without a cloth.
     """
 
