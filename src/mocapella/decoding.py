@@ -85,7 +85,7 @@ def decode_text(data: bytes | str, *, file: object = None, fix: str | None = Non
 
     Args:
         data: the text.
-        file, fix: the file and the advice that errors name, if given.
+        file, fix: the file and the advice that errors name; None to leave them out.
 
     Raises:
         InputError: it is not UTF-8.
@@ -117,7 +117,7 @@ def decode_json(
         data: the text.
         kind: type of the result, such as a `msgspec.Struct`; by default plain dictionaries, lists, texts and numbers.
         what: noun for the text in errors, such as ``sensor layout``.
-        file, fix: the file and the advice that errors name, if given.
+        file, fix: the file and the advice that errors name; None to leave them out.
 
     Raises:
         InputError: the text is not JSON, is of another type (names the field), is nested deeper than `DEEPEST` levels,
@@ -175,7 +175,7 @@ def convert(value: Any, kind: Any, *, what: str, file: object = None, fix: str |
         value: the decoded value.
         kind: type of the result, such as a `msgspec.Struct`.
         what: noun for the value in errors, such as ``sensor layout``.
-        file, fix: the file and the advice that errors name, if given.
+        file, fix: the file and the advice that errors name; None to leave them out.
 
     Raises:
         InputError: the value does not have that type; names the field.
@@ -191,7 +191,7 @@ def decode_toml(data: bytes | str, *, file: object = None, fix: str | None = Non
 
     Args:
         data: the text.
-        file, fix: the file and the advice that errors name, if given.
+        file, fix: the file and the advice that errors name; None to leave them out.
 
     Raises:
         InputError: it is not TOML in UTF-8, too long, nested too deeply, or has an integer of more than 64 bits.
@@ -238,7 +238,7 @@ def decode_csv(
 
     Args:
         data: UTF-8 text.
-        file, fix: the file and the advice that errors name, if given.
+        file, fix: the file and the advice that errors name; None to leave them out.
 
     Returns:
         The names of the columns, () for an empty text, and an iterator of (row number, cells by column). The header is

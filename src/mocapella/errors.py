@@ -46,7 +46,7 @@ class InputError(MocapellaError):
         fix: the remedy, as an instruction to the user.
 
     Attributes:
-        problem, file, row, field, value, fix: as given; None if not given.
+        problem, file, row, field, value, fix: the arguments; None for those not given.
     """
 
     def __init__(

@@ -48,7 +48,7 @@ class Skipped:
     """An unusable entry point.
 
     Attributes:
-        group, name: as registered.
+        group, name: the entry point's group and name.
         package: its package, with the version.
         why: the fault and its remedy.
     """

@@ -26,7 +26,7 @@ class ArmOwnerSettings:
     Attributes:
         take_m: largest mean distance of elbow, wrist and hand for an arm to be assigned to a person; larger: arms are
             assigned in spite of larger errors, also to wrong people [m].
-        keep_m: largest such distance for an arm to stay with its present person [m].
+        keep_m: largest mean distance, as ``take_m``, for an arm to stay with its present person [m].
         other_side_m: penalty, added to the distance, of assigning the arm to a limb of the other side; larger: the
             sides are trusted more [m].
         switch_m: penalty, added to the distance, of changing the arm's present limb; larger: arms change their limbs
@@ -83,7 +83,7 @@ class ArmOwners:
             joints: (n, 3, 3) elbow, wrist and palm of each, world [m]; NaN where not known. Distances are means over
                 the joints that arm and limb both have; without one, the pair is not assigned.
             people: ids of the m people; may be empty.
-            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN likewise.
+            limbs: (m, 2, 3, 3) elbow, wrist and hand of each person's left and right limb, world [m]; NaN if unknown.
 
         Returns:
             (n,) id of each arm's person, −1 for none.

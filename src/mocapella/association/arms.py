@@ -25,8 +25,8 @@ class ArmMatchSettings:
     Attributes:
         within_m: largest distance between the palms of a camera's arm and of its tracked arm, including the penalty
             ``other_side_m``; larger: fast arms keep their ids, but near arms are mixed up more easily [m].
-        follow_m: the same for an arm that the camera itself reports under the id that the tracked arm had before;
-            larger: the camera's own ids are trusted farther [m].
+        follow_m: largest distance, as ``within_m``, for an arm that the camera itself reports under the id that the
+            tracked arm had before; larger: the camera's own ids are trusted farther [m].
         other_side_m: penalty, added to the distance, of an arm that is certainly of the other side; less for an
             uncertain side; larger: left and right arms are matched more rarely [m].
         new_id_m: penalty, added to the distance, of an arm that has another id in the camera than before; larger: the
@@ -60,9 +60,9 @@ def match_arms(  # noqa: PLR0917 - two sets of arms
     As many arms as possible are matched within the gates, at the smallest total cost.
 
     Args:
-        palms: (n, 3) of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
+        palms: (n, 3) palms of the camera's arms, world [m]; NaN if unknown: such an arm is not matched.
         sides: (n,) confidence of a left arm, from −1 (right) to 1.
-        known_palms, known_sides: (m, 3) and (m,) palms and sides of the tracked arms, predicted to the frame's time.
+        known_palms, known_sides: (m, 3) palms [m] and (m,) sides of the tracked arms, predicted to the frame's time.
         followed: (n, m) whether the camera's arm has the same camera id as this tracked arm had before.
         slack_m: (m,) widening of the gates for arms that were not seen for a while [m].
         settings: gates and penalties; the defaults if None.

@@ -54,7 +54,7 @@ def closest_pairs(
 
     Args:
         skeletons: all sensors' skeletons, in the world.
-        max_distance_m: pairs further apart, by `skeleton_distances`, are not joined. The thesis has no such limit.
+        max_distance_m: pairs farther apart, by `skeleton_distances`, are not joined; the thesis has no such limit [m].
 
     Returns:
         Groups, each in the order of its sensors' names, ordered by their first (sensor, tracking id); empty without

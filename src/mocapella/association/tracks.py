@@ -213,7 +213,7 @@ def distances(bodies: Float64, people: Float64) -> Float64:
 
     Args:
         bodies: (n, joints, 3) [m]; NaN where not seen.
-        people: (m, joints, 3), in the same frame [m]; NaN likewise.
+        people: (m, joints, 3), in the same frame [m]; NaN where not seen.
 
     Returns:
         (n, m) [m]; infinite without a common joint.
@@ -227,7 +227,7 @@ def assign(cost: Float64, allowed: Bools) -> Int64:
     """Solve the linear assignment problem: as many allowed pairs as possible, one to one, at the smallest total cost.
 
     Args:
-        cost: (n, m) of each pair; finite where allowed, and may be negative. n or m may be 0.
+        cost: (n, m) cost of each pair, finite where allowed, in any unit; may be negative. n or m may be 0.
         allowed: (n, m) whether the pair is allowed.
 
     Returns:
@@ -324,7 +324,7 @@ class Tracks:
             expected: (tracks, middle joints, 3) predicted for all tracks, by row of `memory` before the call, world
                 [m]; the last seen position is used for a track without a finite one, and for all if None.
             at_s: capture time, on the common clock [s].
-            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; without them, people are not
+            lengths: (bodies, lengths) of `mocapella.association.proportions.sizes` [m]; if None, people are not
                 recognised by size.
 
         Returns:

@@ -107,7 +107,7 @@ class Instant(msgspec.Struct, frozen=True, eq=False):
         world: (8, 3) from the calibrated camera [m].
         own: (8, 3) from the other camera, in its frame [m].
         velocity: (8, 3) velocities of ``own`` [m/s].
-        weights: (8,) [1/m²]; 0 for a joint that one camera does not measure.
+        weights: (8,) weight of each joint [1/m²]; 0 for one that a camera does not measure.
     """
 
     at_s: float

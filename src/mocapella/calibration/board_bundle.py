@@ -90,7 +90,8 @@ class Adjusted:
         residual_px: (n, 2) measured minus projected corners [px].
         sigma_px: robust standard deviation of a corner's coordinate [px].
         dispersion: variance of whole views' errors relative to that of single corners; 1 or more.
-        covariance: (cameras, 15, cameras, 15) of all cameras' parameters, as `CAMERA` describes; 0 for fixed ones.
+        covariance: (cameras, 15, cameras, 15) covariance of all cameras' parameters, as `CAMERA` describes;
+            0 for fixed ones.
     """
 
     bundle: Bundle

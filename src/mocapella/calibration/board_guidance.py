@@ -72,8 +72,8 @@ def coverage(
         views: views of all cameras so far.
         board: the calibration board.
         cameras: all names, including cameras without a view.
-        instant_of: number of the group of simultaneous frames, by camera and frame number; the frame number itself if
-            not given.
+        instant_of: number of the group of simultaneous frames, by camera and frame number; None for the frame
+            number itself.
         lens_known: names of cameras with a given lens, which need no tilt and no corners everywhere.
     """
     hints: list[Hint] = []

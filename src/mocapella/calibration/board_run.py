@@ -225,6 +225,8 @@ class BoardRun:
     def calibrate(self, origin: Origin | None = None) -> CameraCalibration:
         """Calibrate all cameras (intrinsics, extrinsics) from the views so far, which are kept, by bundle adjustment.
 
+        The world frame is that of ``origin``; if None, the first camera's by name.
+
         Raises:
             CalibrationError: the views do not determine it; names the camera and what to film.
         """

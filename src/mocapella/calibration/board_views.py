@@ -48,7 +48,7 @@ class OneCamera:
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_board: (4, 4) for each view, in order.
         sigma_px: standard deviation of a corner's coordinate [px].
-        covariance: (9, 9) of the lens; 0 if it was given.
+        covariance: (9, 9) covariance of the lens; 0 if it was given.
     """
 
     lens: Float64
@@ -63,7 +63,7 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
     Args:
         views: one or more `usable` views of this camera, of one image size.
         board: the calibration board.
-        known: the camera, if its lens is given and stays fixed.
+        known: the camera, whose lens stays fixed; None to estimate the lens.
 
     Returns:
         The camera, with the pose of the board in each view, in the order of ``views``.
@@ -107,7 +107,7 @@ def stacked(views: Sequence[tuple[int, int, BoardView]], board: Board) -> Corner
     """Concatenate the corners of views, for `board_bundle.adjust`.
 
     Args:
-        views: of each view the index of its camera, the index of its board pose, and the view.
+        views: for each view the index of its camera, the index of its board pose, and the view.
         board: gives the corners' positions.
     """
     counts = [len(view.ids) for _, _, view in views]

@@ -38,7 +38,7 @@ def add_frame(
         held: (2,) index of the first stored frame, and index after the last one, updated.
         frozen_since: (1,) time since when no joint has moved at all [s], NaN if one has; updated.
         at: capture time, on the common clock [s].
-        positions: (joints, 3) in the sensor's camera space [m].
+        positions: (joints, 3) in the sensor's camera space [m]; a joint that is not finite or (0, 0, 0) is not seen.
         states: (joints,) `JointState`.
         inferred: weight of an inferred joint.
     """

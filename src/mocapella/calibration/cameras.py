@@ -122,9 +122,9 @@ def calibrate_cameras(
     Args:
         views: views of the board by all cameras.
         board: the calibration board, whose squares give the scale.
-        instant_of: groups of simultaneous frames; the frame numbers if not given.
-        known: cameras with a given lens, which stays fixed, by name.
-        origin: definition of the world frame; the first camera by name if not given.
+        instant_of: groups of simultaneous frames; None for the frame numbers.
+        known: cameras with a given lens, which stays fixed, by name; None for none.
+        origin: definition of the world frame; None for the first camera by name.
         measure: whether to cross-validate halves (``left_out``), which takes about twice as long in addition.
 
     Raises:

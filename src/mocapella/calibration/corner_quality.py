@@ -78,7 +78,7 @@ def corner_quality(
         instant_of: group of simultaneous frames, by camera and frame number.
         cameras: the rig's cameras, by name.
         board: gives the true distances.
-        noise: uncertainty of the cameras, in the order of ``cameras``, if known.
+        noise: uncertainty of the cameras, in the order of ``cameras``; None if unknown.
 
     Returns:
         The errors; NaN where there is nothing to measure, as where no two cameras saw a corner together.

@@ -20,7 +20,7 @@ def synchronise_frames(
     Args:
         times_s: capture times of each camera's frames, on one clock [s]; NaN where unknown.
         tolerance_s: largest time difference within a group; must be below half of the shortest of the cameras' median
-            frame intervals. A third of that interval where not given.
+            frame intervals; None for a third of that interval.
 
     Returns:
         The group, numbered from 0 in order of time, of each (camera, index of the frame) whose time is known. A group

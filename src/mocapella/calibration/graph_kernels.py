@@ -67,7 +67,7 @@ def refine(  # noqa: PLR0917
     """Refine the sensors' poses, except the first, by one step of Gauss–Newton over all pairs.
 
     Args:
-        world: (sensors, 4, 4) T_root_sensor, updated in place; NaN where the pairs do not determine them.
+        world: (sensors, 4, 4) T_root_sensor, updated; all but the first NaN if the pairs do not determine them.
         ends: (pairs, 2) indices of each pair's sensors, a and b.
         T_a_b: (pairs, 4, 4) measured relative poses.
         weights: (pairs, 6, 6) inverse covariances of a small motion in a's frame (translation [m], rotation [rad]).

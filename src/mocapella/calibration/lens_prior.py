@@ -48,7 +48,7 @@ def observed(covariance: Float64, size_px: tuple[int, int]) -> list[str]:
     Their standard deviations are below half of the prior's (`OBSERVED`); the others are typical values.
 
     Args:
-        covariance: (9, 9) of the estimated lens.
+        covariance: (9, 9) covariance of the estimated lens.
         size_px: (width, height) of the image.
     """
     before = np.array([CENTRE_SD * size_px[0]] * 2 + list(DISTORTION_SD))

@@ -21,8 +21,7 @@ Pair = tuple[str, str]
 def disagrees_for(pair: PairCalibration, now: float) -> float:
     """Return for how long all persons whom both sensors see have contradicted the estimate [s].
 
-    It is 0 if one of them agrees. A person who contradicts counts only after having agreed for `AGREED_BEFORE_S`; it is
-    0 if nobody counts.
+    It is 0 if one of them agrees, or if no person counts: one counts only after having agreed for `AGREED_BEFORE_S`.
 
     Args:
         pair: the estimate and the state of its bodies.

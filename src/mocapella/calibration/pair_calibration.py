@@ -257,7 +257,7 @@ class PairCalibration:
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
     def forget_bodies(self, keep: Any) -> None:
-        """Drop the state of pairs of bodies for which ``keep(who)`` is false."""
+        """Drop the state of each pair of bodies for whose key, as given to `update`, ``keep`` returns False."""
         self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:

@@ -77,7 +77,7 @@ def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Flo
     Args:
         times: (frames,) increasing [s].
         points: (frames, joints, 3) [m].
-        weights: (frames, joints).
+        weights: (frames, joints) weights of the points.
         t: the time [s].
         q: (joints, 3) written if the result is 1: positions [m].
         w: (joints,) written if the result is 1: weights, the smaller ones of the neighbouring frames.

@@ -129,7 +129,7 @@ class PeopleCalibration(PairsFromPeople):
             at_ns: capture time on the common clock [ns].
             people: returns the person of each tracking id of a sensor; bodies of one person are matched. None derives
                 the matches from the calibration.
-            pose: tilt and height of the sensor, if given; a height of 0 means not given.
+            pose: tilt and height of the sensor; None, or a height of 0, if not given.
         """
         sensor, now = bodies.sensor, self._seconds(at_ns)
         joins = sensor not in self._tracks

@@ -26,7 +26,7 @@ class PeopleCalibrationSettings:
         gone_after_s: a body that a sensor has not seen for this long is dropped [s].
         clock_jump_s: largest delay of a sensor's times behind other sensors' that is not reported as a wrong clock [s].
         refresh_s: interval at which all poses are recomputed; larger: less work, and later poses [s].
-        first_refresh_s: shortest such interval, at first, while pairs have seen little motion [s].
+        first_refresh_s: shortest interval of recomputation at first, while pairs have seen little motion [s].
         partners: number of pairs of each sensor that are refined, the best ones, if it has more; larger: more work, and
             more accurate poses [pairs].
 

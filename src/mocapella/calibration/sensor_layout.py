@@ -121,7 +121,7 @@ def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
 
     Args:
         data: the content.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: it is no layout, has another version, or contains an invalid number; names the field.

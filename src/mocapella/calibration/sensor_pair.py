@@ -49,12 +49,12 @@ class PairOfSensors:
         trying: whether the hypotheses are tried.
         agreed_at: capture time at which a body last was at the same position in both sensors [s].
         seen_since: capture time since when both sensors see bodies without a break [s].
-        estimate: result of the last refresh with new data.
+        estimate: result of the last refresh with new data; None before the first.
         quality: description of ``estimate``; empty without one.
         judged_steps: number of frames in the calibration (`pair_memory.STEPS`) when ``estimate`` was computed.
         wary: whether an estimate from single postures was contradicted; the next one needs people who walk.
         missed_since: capture time since when each sensor sees nobody where the other one sees a person [s].
-        contradicted: whether that has lasted.
+        contradicted: whether ``missed_since`` is so long ago that the estimate counts as contradicted.
     """
 
     calibration: PairCalibration | None

@@ -136,7 +136,7 @@ def align_space(
         points: (instants, points, 3) of one or more markers on the object, world [m]; NaN where not known.
         poses_s: (poses,) increasing times of the other tracker's poses, on the same clock except for the delay [s].
         T_space_body: (poses, 4, 4) the object's body in that space.
-        settings: parameters and required accuracy.
+        settings: parameters and required accuracy; None for the defaults.
 
     Returns:
         The alignment, which fulfils all requirements.

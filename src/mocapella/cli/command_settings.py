@@ -38,8 +38,7 @@ class KeySpec:
     Attributes:
         meaning: description for `--set help`, a sentence.
         unit: unit of a number, or form of a text, such as ``NAME=MS``.
-        least: smallest value.
-        most: largest value.
+        least, most: smallest and largest value; None for no limit.
         choices: the valid values of a text, if there are few.
     """
 

@@ -66,7 +66,8 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
         name: one of the names in `arm_detectors()`.
         camera: size and lens of the depth camera.
         settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
-            `mocapella.kinematics.gestures.GestureSettings`; missing ones take their defaults. It is not changed.
+            `mocapella.kinematics.gestures.GestureSettings`; missing ones take their defaults, as do
+            all if None. It is not changed.
 
     Returns:
         An `ArmDetector` that adds gestures to its arms. It remembers earlier images, so each camera needs its own.

@@ -61,8 +61,8 @@ class ArmFinder:
         models: model of a right and a left arm, by side.
         lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
         settings: settings of the segmentation of arms.
-        believe: cost above which a fit is rejected.
-        gain: least expected reduction of the cost for trying another posture of a digit.
+        believe: cost (`Fitted.cost`) above which a fit is rejected.
+        gain: least expected reduction of that cost for trying another posture of a digit.
     """
 
     models: Mapping[Handedness, ArmModel]
@@ -79,8 +79,10 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             most: greatest number of candidates.
-            near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned.
-            but: (k, 4) balls, centre and radius in the camera frame [m]; candidates within them are left out.
+            near: (3,) or (k, 3) points in the camera frame [m]; None for all candidates, else only those within 15 cm
+                of one are returned.
+            but: None, or (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left
+                out.
 
         Returns:
             Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.

@@ -89,7 +89,7 @@ class KinematicArmDetector:
 
     Args:
         camera: name, size and lens of the depth camera; its lens distortion is not used.
-        settings: thresholds and rates; the defaults if not given.
+        settings: thresholds and rates; the defaults if None.
 
     Attributes:
         camera, settings: as given.
@@ -125,7 +125,7 @@ class KinematicArmDetector:
         is none. Once an arm has fitted well for some images, a search for further ones is spread over several.
 
         Args:
-            depth: (height, width) [m]; 0 where nothing was measured. What is kept of it is copied.
+            depth: (height, width) [m]; 0 where nothing was measured. It may be changed afterwards.
             at_s: the image's capture time [s], which rises from image to image.
 
         Raises:

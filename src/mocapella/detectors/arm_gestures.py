@@ -30,7 +30,7 @@ class ArmGestures:
 
     Args:
         settings: thresholds, the same for every hand.
-        gestures: the gestures to recognise; `mocapella.kinematics.gestures.GESTURES` if not given.
+        gestures: the gestures to recognise; `mocapella.kinematics.gestures.GESTURES` if None.
     """
 
     def __init__(self, settings: GestureSettings | None = None, gestures: Iterable[Gesture] | None = None) -> None:

@@ -62,8 +62,8 @@ class PoseError(msgspec.Struct, frozen=True):
         at_s: time since the first frame [s].
         position_m: displacement of a point at the person's position [m].
         rotation_deg: angle of the rotation [deg].
-        position_normalised, rotation_normalised: the same, divided by their stated standard deviations.
-        normalised: root mean square over the six degrees of freedom, normalised by the stated covariance.
+        position_normalised, rotation_normalised: both errors divided by their stated standard deviations.
+        normalised: root mean square error over the six degrees of freedom, normalised by the stated covariance.
     """
 
     at_s: float

@@ -59,7 +59,7 @@ class CausalRun(msgspec.Struct, frozen=True, eq=False):
         at_ns: (arrivals,) capture times, on the common clock.
         joint_bias: the method's bias, which it declares before the first frame; None without one.
         wander_m_per_min: path length of points at people's positions under the changing estimates of a sensor's pose,
-            largest of the sensors, less the `TO_FIND_IT` metres allowed for the initial estimation, per minute.
+            largest of the sensors, less the `TO_FIND_IT` metres allowed for the initial estimation [m/min].
     """
 
     sensors: tuple[str, ...]

@@ -303,7 +303,7 @@ def left_out(
         sessions: sessions of at least as many participants as folds.
         folds: number of folds, 2 or more.
         reference: model trained on all participants, for `reference_facings`.
-        settings: settings with which the model will be used.
+        settings: settings with which the model will be used; None for the defaults.
 
     Returns:
         Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` has ``settings``, and

@@ -69,7 +69,7 @@ class Output(Protocol):
 
     @property
     def wander_m_per_min(self) -> float:
-        """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs."""
+        """Largest `mocapella.evaluation.causal_run.CausalRun.wander_m_per_min` of the method's runs [m/min]."""
 
     def views(self, scoring: str, pairs: Pairs) -> ScoredViews:
         """Return both views of each pair, in the reference sensor's camera space.
@@ -93,7 +93,7 @@ class Output(Protocol):
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
 
-        ``at_s`` is the time since the file's first frame [s].
+        ``at_s`` is the time since the file's first frame [s]; people without a position are left out.
         """
 
 
@@ -133,7 +133,7 @@ class AsLogged:
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the logged position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m].
 
-        ``at_s`` is the time since the file's first frame [s]; see `people_as_logged`.
+        ``at_s`` is the time since the file's first frame [s]. Only recent rows count; see `people_as_logged`.
         """
         return people_as_logged(self.session, at_s)
 
@@ -231,7 +231,8 @@ class AsRun:
     def people(self, at_s: float) -> Mapping[int, Float64]:
         """Return the position (3,) of SpineBase by person's id, in the reference sensor's camera space [m].
 
-        ``at_s`` is the time since the file's first frame [s].
+        It is that of the newest scene at ``at_s``, the time since the file's first frame [s]; people without a finite
+        position are left out.
         """
         return people_of_run(self._run, at_s)
 
@@ -440,7 +441,7 @@ def evaluate(
         methods: names, optionally with settings, see `mocapella.evaluation.methods.method_with_settings`.
         participants: numbers of the participants whose logs are scored; None for all.
         on_step: called with the current step, in words.
-        makers: further methods by name: functions that create a tracker for a number of sensors.
+        makers: further methods by name: functions that create a tracker for a number of sensors; None for none.
 
     Returns:
         The JSON of docs/evaluation.md.

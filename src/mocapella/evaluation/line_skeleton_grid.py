@@ -75,7 +75,7 @@ def grid_table(
         camera: camera of the frames.
         clock: function that measures the time, such as `time.perf_counter` [s].
         grids_px: strides of the grid, one for each row of the table [px].
-        settings: settings of the detector, except the grid.
+        settings: settings of the detector, except the grid; None for the defaults.
 
     Raises:
         EvaluationError: there is no frame.

@@ -26,7 +26,7 @@ def method_with_settings(text: str) -> tuple[str, dict[str, Any]]:
         checked. See `mocapella.settings.settings_of_pairs`.
 
     Raises:
-        SettingsError: no such method, or a setting is not NAME=VALUE; says what would work.
+        SettingsError: no such method of tracking people, or a setting is not NAME=VALUE; says what would work.
     """
     method, *pairs = text.split(":")
     known = methods_making("people")

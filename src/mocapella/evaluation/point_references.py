@@ -54,8 +54,8 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
 
     Attributes:
         ours: coefficient (standard deviation over mean) of all our points.
-        reference: that of all points of the reference.
-        reference_where_ours: that of the points of the reference that we have, too.
+        reference: coefficient of all points of the reference.
+        reference_where_ours: coefficient of the points of the reference that we have, too.
     """
 
     ours: float

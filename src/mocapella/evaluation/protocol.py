@@ -35,8 +35,8 @@ class JointBias(Protocol):
         Args:
             sensor: name of the view's sensor.
             facing: yaw of the fused person against the line of sight; 0 = towards the sensor [rad].
-            position: (3,) of the fused SpineBase, this sensor's camera space [m].
-            velocity: (3,) of the same joint over the last 0.2 s, in the same space [m/s].
+            position: (3,) position of the fused SpineBase, this sensor's camera space [m].
+            velocity: (3,) velocity of the same joint over the last 0.2 s, in the same space [m/s].
 
         Returns:
             (joints, 3), this sensor's camera space [m].

@@ -179,7 +179,7 @@ class Asked(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         facing: (pairs, 2) yaw of the fused person, from the direction towards each sensor [rad]; NaN without a fused
             person.
-        position: (pairs, 2, 3) of the fused SpineBase, in each sensor's camera space [m].
+        position: (pairs, 2, 3) position of the fused SpineBase, in each sensor's camera space [m].
         velocity: (pairs, 2, 3) velocity of that joint, in the same space [m/s]; 0 if unknown.
     """
 

@@ -51,7 +51,7 @@ class Experiment:
 
     Attributes:
         scenes: names of scenes of `silhouette_scene`.
-        images: corruptions of the images, by name; they use the seed of the scene.
+        images: corruption of the images by name, None for clean images; it uses the scene's seed.
         weights: factors of the penalty on jitter; 0 for none.
         hinges: joints with plotted angles.
         fps: frame rate [Hz].

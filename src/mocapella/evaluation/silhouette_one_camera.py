@@ -61,8 +61,8 @@ class OneCameraRow(msgspec.Struct, frozen=True):
         away: share of frames with a median error of the landmarks above `AWAY_M`, 0 to 1.
         free: standard deviation of the pose's least certain direction (eigenvector of the normal matrix), with 1 m
             counted as 1 rad; median over frames.
-        outlines: that standard deviation from the outlines alone, without the weak prior of the resting pose.
-        outlines_of_many: that of ``outlines`` with four cameras.
+        outlines: ``free`` from the outlines alone, without the weak prior of the resting pose.
+        outlines_of_many: ``outlines`` with four cameras.
     """
 
     run: RunRow

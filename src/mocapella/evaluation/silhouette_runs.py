@@ -63,7 +63,7 @@ class Film(msgspec.Struct, frozen=True, eq=False):
     truth: Movement
 
     def shown(self, frame: int, corruption: Corruption | None = None) -> Mapping[str, UInt8]:
-        """Return the images of a frame by camera, with the corruption applied; without one, the film's own arrays."""
+        """Return the images of a frame by camera, with the corruption applied; if None, the film's own arrays."""
         images = self.images[frame]
         if corruption is None:
             return images
@@ -128,7 +128,7 @@ BODIES: Final[dict[str, Callable[[SilhouetteScene, Joints], RiggedMesh]]] = {"ow
 
 
 def with_penalty(weight: float, settings: SilhouetteSettings | None = None) -> SilhouetteSettings:
-    """Return the settings, or else the defaults, with the penalty on jitter multiplied by ``weight``; 0 for none.
+    """Return the settings (None: the defaults) with the penalty on jitter multiplied by ``weight``; 0 for none.
 
     The result is a copy.
 
@@ -158,7 +158,7 @@ def follow(
         film: the rendered scene.
         mesh: the body model.
         joints: rough positions (3,) in the first frame, world [m], by name.
-        settings: settings of the tracker.
+        settings: settings of the tracker; None for the defaults.
         corruption: corruption of the images; None for none.
         clock: function that measures the computing time, such as `time.perf_counter` [s].
     """
@@ -186,7 +186,7 @@ def alone(
         mesh: the body's mesh.
         joints: positions (3,) in the world [m], by name; joints that are no landmarks of the mesh are ignored.
         rig: the cameras.
-        settings: settings of the fit.
+        settings: settings of the fit; None for the defaults.
         period_s: time between two frames [s].
     """
     pose = pose_of(mesh, {name: at for name, at in joints.items() if name in mesh.landmarks})

@@ -120,7 +120,7 @@ class MovementScore(msgspec.Struct, frozen=True):
         median_mm, p95_mm: median and 95th percentile of the errors of landmarks that both bodies have [mm].
         acceleration, true_acceleration: root mean square acceleration of the landmarks, estimated and true [m/s²].
         jitter: root mean square acceleration of the landmarks' errors [m/s²].
-        feet, true_feet, feet_jitter: the same three accelerations for the landmarks `FEET` alone [m/s²].
+        feet, true_feet, feet_jitter: ``acceleration``, ``true_acceleration`` and ``jitter`` of `FEET` alone [m/s²].
     """
 
     frames: int

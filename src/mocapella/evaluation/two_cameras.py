@@ -131,7 +131,7 @@ def two_camera_scores(
         seconds: duration [s].
         rig: whether the tracker receives the cameras' poses; otherwise it estimates them, and is scored from the first
             estimate on.
-        settings: settings of the tracker.
+        settings: settings of the tracker; None for the defaults.
         make: creates the tracker.
 
     Returns:

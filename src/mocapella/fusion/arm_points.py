@@ -29,7 +29,8 @@ class ArmFusionSettings:
 
     Attributes:
         least_sd_m: lower bound of the standard deviation of a point's coordinate; larger: views count more equally [m].
-        unsaid_sd_m: standard deviation of a coordinate for a view that gives none; larger: such a view counts less [m].
+        unsaid_sd_m: standard deviation of a coordinate for a view that gives none; larger: views without one count less
+            [m].
         gate_m: two views agree about a point within this distance plus ``gate_sds`` standard deviations of their
             difference; larger: contradicting views are averaged instead of left out [m].
         gate_sds: number of standard deviations of the difference of two views, added to ``gate_m``, within which they
@@ -118,7 +119,7 @@ def fuse_angles(angles: Float64, weights: Float64) -> Float64:
     """Return the weighted mean of the views' hand angles, by the sum of each view's weights of the angle's digit.
 
     Args:
-        angles: (views, 21) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
+        angles: (views, 21) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
         weights: (views, n) of `FusedPoints` [1/m²]; the first 21 points are the hand's landmarks. If no point of a
             digit was used, its angles are unweighted means of the views.
 

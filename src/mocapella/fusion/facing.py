@@ -51,8 +51,9 @@ class FacingSettings:
         swap_alone: as ``swap``, for a person whom no other sensor sees; larger: the sensor's own labels stay for longer
             [0.5 to 1].
         mirrors_from_deg: threshold for a view without a yaw: the angle between facing and the direction to the sensor
-            beyond which its labels are mirrored; larger: such labels are mirrored more rarely [°].
-        hysteresis_deg: half the width of that threshold's hysteresis; larger: such labels change more rarely [°].
+            beyond which its labels are mirrored; larger: labels of such views are mirrored more rarely [°].
+        hysteresis_deg: half the width of the hysteresis of ``mirrors_from_deg``; larger: labels of views without a yaw
+            change more rarely [°].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -102,8 +103,8 @@ class FacingTables(NamedTuple):
         across: (pairs, 2) indices of left and right joints that give the yaw, in the order of preference.
         joints: (1 + terms, 2) indices of head and SpineBase; then of the feature and the joint of each term, one for
             each joint with a weight in a shape feature (`FEATURES`).
-        weights: (terms,) these weights; empty if the model has no shapes for the topology.
-        classifier: (4 · features + 1,) of the features: means, spreads, linear weights, weights of squares; constant.
+        weights: (terms,) weights of these joints in the features; empty if the model has no shapes for the topology.
+        classifier: (4 · features + 1,) means, spreads, linear weights and weights of squares of the features; constant.
     """
 
     tables: Float64

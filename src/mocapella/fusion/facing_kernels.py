@@ -287,7 +287,7 @@ def add_view(
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
         seen: yaw that the labels imply, relative to the direction to the sensor, folded into [−π/2, π/2) [rad].
-        score: of `shape_score`.
+        score: log-odds that the body faces the sensor, of `shape_score`.
         by: yaw of the direction from the person to the sensor, relative to the first bin's [rad].
         weight, shape_weight: weights of the yaw and of the shape.
         model: the facing model's tables.
@@ -314,7 +314,7 @@ def add_labels(evidence: Float64, reported: float, weight: float, tables: Float6
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
         reported: yaw that the labels imply, relative to the first bin's [rad].
-        weight: of the log-likelihoods.
+        weight: factor of the log-likelihoods.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
     """
     c, s = np.cos(reported), np.sin(reported)
@@ -332,7 +332,7 @@ def add_motion(evidence: Float64, velocity: Float64, zero: float, factor: float,
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
-        velocity: (3,) of the person, y up [m/s]; NaN or a slow one adds nothing.
+        velocity: (3,) velocity of the person, y up [m/s]; NaN or a slow one adds nothing.
         zero: yaw of the first bin [rad].
         factor: weight of the log-likelihoods.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
@@ -391,7 +391,7 @@ def update(
         positions: (bodies, joints, 3) with the sensor's labels, world, y up [m]; NaN where not seen.
         toward: (bodies,) yaw from the person to the sensor [rad].
         at: capture time on the common clock [s].
-        velocities: (bodies, 3) of the persons, world [m/s]; NaN where unknown.
+        velocities: (bodies, 3) velocities of the persons, world [m/s]; NaN where unknown.
         zero: yaw of the first bin [rad].
         memory: updated in place.
         model, factors: the facing model's tables, and the weights of the evidence.

@@ -80,7 +80,7 @@ def view_of(positions: Float64, toward_sensor: Float64, topology: Topology) -> V
         positions: (..., joints, 3) with the sensor's own labels, world, y up [m]; NaN where not seen.
         toward_sensor: (...,) yaw from the person to the sensor, world [rad]; NaN where unknown: then only ``reported``
             is known.
-        topology: of the joints; if it lacks a joint of `FEATURES`, all features are NaN.
+        topology: the joints' topology; if it lacks a joint of `FEATURES`, all features are NaN.
     """
     reported = np.full(positions.shape[:-2], np.nan)
     for left, right in pairs_across(topology):

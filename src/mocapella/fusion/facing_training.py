@@ -47,7 +47,7 @@ class FacingSequence(msgspec.Struct, frozen=True, eq=False):
         at_s: (frames,) capture times, increasing, on one clock [s].
         view: observations with the axes (frames, views), see `mocapella.fusion.facing_shape.view_of`.
         toward_sensor: (frames, views) yaw from the person to each sensor, world [rad].
-        velocity: (frames, 3) of the person in the world, from past frames only [m/s]; NaN where unknown.
+        velocity: (frames, 3) velocity of the person in the world, from past frames only [m/s]; NaN where unknown.
         known_yaw: (frames,) facing that the participant was asked to take, world [rad]; NaN if none.
     """
 
@@ -65,8 +65,9 @@ class TrainingSettings:
     Attributes:
         known_within_deg: standard deviation of a known facing [deg].
         yaw_rounds, shape_rounds: number of iterations of the module's steps 1 and 3.
-        front_deg, back_deg, sure: a view shows a front (back) if the facing α relative to the sensor is within
-            ±front_deg (beyond ±back_deg) with a probability above ``sure``.
+        front_deg, back_deg: a view shows a front (back) if the facing α relative to the sensor is within ±front_deg
+            (beyond ±back_deg) with a probability above ``sure`` [deg].
+        sure: that probability [0 to 1].
         penalty: ridge penalty of the classifier's weights.
         yaw_floor, shape_floor, motion_floor: share of each table row's probability that is distributed evenly.
 

@@ -97,8 +97,8 @@ def body_view(facing: Float64, position: Float64, velocity: Float64) -> tuple[Fl
 
     Args:
         facing: (...,) the facing from the direction towards the sensor [rad].
-        position: (..., 3) of the person in the sensor's space, rotated to y up [m].
-        velocity: (..., 3) of the person along the same axes [m/s].
+        position: (..., 3) position of the person in the sensor's space, rotated to y up [m].
+        velocity: (..., 3) velocity of the person along the same axes [m/s].
     """
     yaw = facing + np.arctan2(-position[..., 0], -position[..., 2])
     sine, cosine = np.sin(yaw), np.cos(yaw)
@@ -145,8 +145,8 @@ class JointBiasModel(msgspec.Struct, frozen=True, eq=False, dict=True):
         Args:
             sensor: not used.
             facing: the facing from the direction towards the sensor [rad].
-            position: (3,) of the person in the sensor's space, rotated to y up [m].
-            velocity: (3,) of the person in the same space [m/s].
+            position: (3,) position of the person in the sensor's space, rotated to y up [m].
+            velocity: (3,) velocity of the person in the same space [m/s].
         """
         del sensor  # one model serves all sensors of a kind
         of_view, R = body_view(np.asarray(facing), np.asarray(position), np.asarray(velocity))

@@ -31,8 +31,8 @@ class ViewPairs(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         positions: (frames, 2, joints, 3) each in its own sensor's space, rotated to y up, with labels that agree [m];
             NaN where missing.
-        facing: (frames, 2) of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
-        position, velocity: (frames, 2, 3) of the fused person in each sensor's space, likewise [m, m/s].
+        facing: (frames, 2) facing of the fused person, from the direction towards each sensor [rad]; NaN where unknown.
+        position, velocity: (frames, 2, 3) those of the fused person in each sensor's space, rotated to y up [m, m/s].
         weight: (frames,) weight of each frame in the fit.
     """
 
@@ -113,8 +113,8 @@ def second_to_first(session: ViewPairs, of_view: Float64, R: Float64, weights: F
     Args:
         session: the views.
         of_view: (frames, 2, TERMS) regressors of each view's bias.
-        R: (frames, 2, 3, 3) from the body's axes to the sensor's space.
-        weights: (TERMS, joints, 3) of the bias.
+        R: (frames, 2, 3, 3) rotations from the body's axes to the sensor's space.
+        weights: (TERMS, joints, 3) weights of the bias [m].
     """
     bias = np.tensordot(of_view, weights, axes=1)
     first, second = np.moveaxis(session.positions - bias @ np.swapaxes(R, -1, -2), 1, 0).reshape(2, -1, 3)

@@ -96,7 +96,8 @@ class RayMemory(NamedTuple):
     """State of all markers, for the kernels; one row per marker.
 
     Attributes:
-        states, covariances: (points, 6), (points, 6, 6) of position [m] and velocity [m/s] in the world, at ``begins``.
+        states, covariances: (points, 6), (points, 6, 6) position [m] and velocity [m/s] in the world, at ``begins``,
+            and their covariance.
         begins: (points,) time of the state, on the rig's clock [s]; NaN for a lost marker.
         counts: (points,) number of stored observations.
         times, cameras, pixels, variances: (points, MEMORY), (points, MEMORY), (points, MEMORY, 2), (points, MEMORY) the
@@ -158,7 +159,7 @@ class RayOutput(NamedTuple):
 
     Attributes:
         positions, velocities: (points, 3) in the world [m], [m/s].
-        covariances: (points, 3, 3) of the positions [m²].
+        covariances: (points, 3, 3) covariance of the positions [m²].
         states: (points,) a `RayState`.
     """
 
@@ -175,7 +176,7 @@ class MarkerPoints(msgspec.Struct, frozen=True, eq=False):
         at_s: the time, on the rig's clock [s].
         points: (points, 3) in the world [m]; NaN where lost.
         velocities: (points, 3) in the world [m/s]; NaN where lost.
-        covariances: (points, 3, 3) of the points in the world [m²]; NaN where lost.
+        covariances: (points, 3, 3) covariance of the points in the world [m²]; NaN where lost.
         states: (points,) a `RayState`.
     """
 

@@ -75,11 +75,12 @@ class ObjectPoseSettings:
             more jitter [m²/s³].
         turn_density: power spectral density of the white-noise angular acceleration about an axis; larger: less lag,
             more jitter [rad²/s³].
-        manoeuvre: factor of both densities that is tried if a frame does not fit; then its square; larger: more sudden
-            motion is followed [ratio].
+        manoeuvre: factor of ``acceleration_density`` and ``turn_density`` that is tried if a frame does not fit; then
+            its square; larger: more sudden motion is followed [ratio].
         speed_sd: standard deviation of a new object's speed along an axis; larger: its motion is followed sooner, with
             more jitter at first [m/s].
-        turn_sd: standard deviation of a new object's angular speed about an axis; larger: likewise [rad/s].
+        turn_sd: standard deviation of a new object's angular speed about an axis; larger: its rotation is followed
+            sooner, with more jitter at first [rad/s].
         gate_sd: largest excess of a frame's cost over its expectation for the frame to be used; larger: wrong markers
             are left out more rarely [standard deviations].
         keep_s: a frame that is older than the newest one by more than this is dropped; larger: later cameras count, at

@@ -95,9 +95,11 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
 def absorb(j: int, memory: RayMemory, views: Float64, q: float, gate2: float) -> None:
     """Apply point j's oldest stored observation to its filter for good, and remove it from the buffer, in place.
 
+    Before the filter has begun, the observation is only removed.
+
     Args:
         j: index of the point.
-        memory: updated.
+        memory: state and observations of the points, updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         q: acceleration density, as in `predict` [m²/s³].
         gate2: largest squared Mahalanobis distance of the innovation.
@@ -126,7 +128,7 @@ def begin(j: int, memory: RayMemory, views: Float64, parameters: RayParameters) 
 
     Args:
         j: index of the point, with at least one stored observation.
-        memory: updated if it worked.
+        memory: state and observations of the points, updated if it worked.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         parameters: the settings.
     """
@@ -161,7 +163,7 @@ def observe(frame: CameraPixels, memory: RayMemory, views: Float64, report: Int6
 
     Args:
         frame: the pixels.
-        memory: updated.
+        memory: state and observations of the points, updated.
         views: (cameras, 25) the rig's cameras, see `geometry.triangulation.Views`.
         report: (6,) counts of received, used, rejected and late observations, and of initialised and lost markers;
             updated.

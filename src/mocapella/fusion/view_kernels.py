@@ -70,7 +70,7 @@ def fuse(
 
     Args:
         views: (views, joints, 3) [m]; NaN where not seen.
-        variances: (views, joints) of a coordinate [m²]; infinite where not seen.
+        variances: (views, joints) variance of a coordinate [m²]; infinite where not seen.
         expected, expected_variances: (joints, 3), (joints,) predicted joints [m], [m²]; NaN where unknown.
         nu: degrees of freedom of the Student-t weight, which lowers views far from the prediction; infinity disables
             it.
@@ -118,7 +118,7 @@ def follow_offsets(offsets: Float64, views: Float64, mean: Float64, step: float)
     Args:
         offsets: (views, joints, 3) updated [m].
         views: (views, joints, 3) not corrected [m]; where NaN, the offset stays. The offset of an only view fades to 0.
-        mean: (joints, 3) of the uncorrected views [m].
+        mean: (joints, 3) mean of the uncorrected views [m].
         step: learning rate, 0 to 1: fraction of the way from an offset to its present value.
     """
     count, joints = offsets.shape[:2]

@@ -124,8 +124,9 @@ def weighted_mean(
         views: (views, joints, 3) positions in one frame of reference at one time [m]; NaN where not seen.
         variances: (views, joints) [m²]; infinite where not seen.
         expected: (joints, 3) predicted joints [m]; where NaN, the weights are the inverse variances alone.
-        expected_variances: (joints,) of a predicted coordinate [m²].
-        degrees_of_freedom: of the Student-t weight, which lowers views far from the prediction; infinity disables it.
+        expected_variances: (joints,) variance of a predicted coordinate [m²].
+        degrees_of_freedom: parameter of the Student-t weight, which lowers views far from the prediction; infinity
+            disables it.
 
     Returns:
         The mean and its variance, which includes the scatter of the views about their mean; see `Fused` for joints that
@@ -147,7 +148,7 @@ def learn_offsets(offsets: Float64, views: Float64, mean: Float64, dt: float, se
     Args:
         offsets: (views, joints, 3) before [m].
         views: (views, joints, 3), not corrected by the offsets [m]; NaN where not seen.
-        mean: (joints, 3) of the uncorrected views [m].
+        mean: (joints, 3) mean of the uncorrected views [m].
         dt: time step, 0 or more [s].
         settings: the settings.
 

@@ -39,7 +39,7 @@ def moments(p: Any, q: Any, weights: Any = None, velocities: Any = None) -> Floa
     Args:
         p, q: (..., n, 3) [m]; pairs with a non-finite coordinate or velocity are ignored.
         weights: (..., n), by default 1; pairs with a weight of 0 or less, or NaN, are ignored.
-        velocities: (..., n, 3) of q [m/s], by default 0.
+        velocities: (..., n, 3) velocities of q [m/s], by default 0.
 
     Returns:
         (..., `MOMENTS`), in the order of the module's table; all 0 without a valid pair. Add them to join subsets.
@@ -84,7 +84,7 @@ def align(M: Float64, offset: float = 0.0) -> Float64:
     (1987, section 4.A): always a rotation, never a reflection. Of one point, or of collinear ones, it is one of many.
 
     Args:
-        M: (..., `MOMENTS`).
+        M: (..., `MOMENTS`) moments, of `moments`.
         offset: clock offset of q [s].
 
     Returns:
@@ -103,7 +103,7 @@ def centred_products(M: Float64, offset: float = 0.0) -> Float64:
     Their determinant is negative if q is a mirror image of p.
 
     Args:
-        M: (..., `MOMENTS`).
+        M: (..., `MOMENTS`) moments, of `moments`.
         offset: clock offset δ of q [s].
 
     Returns:
@@ -139,8 +139,8 @@ def shifted(M: Float64, by: Any) -> Float64:
     """Return the moments of the same pairs after moving every q along its velocity: q + by·v.
 
     Args:
-        M: (..., `MOMENTS`), not changed.
-        by: (...) [s].
+        M: (..., `MOMENTS`) moments, not changed.
+        by: (...) time along the velocity [s].
 
     Returns:
         (..., `MOMENTS`), a copy.
@@ -181,7 +181,7 @@ def normal_equations(M: Float64, T: Float64, offset: Any = 0.0) -> tuple[Float64
     H is singular where the points do not determine d, such as without velocities; that is no error here.
 
     Args:
-        M: (..., `MOMENTS`).
+        M: (..., `MOMENTS`) moments, of `moments`.
         T: (..., 4, 4) ``T_p_q``.
         offset: (...) clock offset δ of q [s].
 

@@ -20,7 +20,7 @@ def factorise(A: Float64, damping: float, L: Float64) -> bool:
     """Factorise a symmetric matrix A, with its diagonal multiplied by 1 + damping, into L Lᵀ.
 
     Args:
-        A: (n, n); only its lower triangle is read.
+        A: (n, n) symmetric; only its lower triangle is read.
         damping: relative increase of the diagonal (Levenberg and Marquardt).
         L: (n, n); its lower triangle is written.
 

@@ -54,7 +54,7 @@ def flesh(limbs: Float64, within: Float64, between: float, x: float, y: float, z
     is about 1000 m.
 
     Args:
-        limbs: (n, `LIMB`), sorted by group.
+        limbs: (n, `LIMB`), see `limb_distance`; sorted by group.
         within: (groups,) blending distance k of `smooth_min` between limbs of a group [m].
         between: blending distance k between groups [m].
         x, y, z: the point, in the frame of the limbs' ends [m].
@@ -140,7 +140,7 @@ def surface_net(values: Float64, nodes: Float64, vertices: Float64, triangles: I
     mean of the crossings of its edges; a quadrilateral about each edge that it crosses.
 
     Args:
-        values: (a, b, c) signed distances at the nodes, negative inside.
+        values: (a, b, c) signed distances at the nodes, negative inside [m].
         nodes: (a, b, c, 3) positions of the nodes [m].
         vertices: (capacity, 3) written [m]; four for each edge that the surface crosses suffice.
         triangles: (capacity, 3) written, anticlockwise as seen from outside; two for each such edge suffice.

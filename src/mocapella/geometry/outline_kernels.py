@@ -76,7 +76,7 @@ def within(
 
     Args:
         vertices, T_camera_world, lens, farthest_r2: (n, 3) world [m], (4, 4), (9,) and a number, as in `see`.
-        width, height: of the image [px].
+        width, height: size of the image [px].
     """
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     see(vertices, T_camera_world, lens, farthest_r2, pixels, depth)
@@ -95,9 +95,9 @@ def window(
 
     Args:
         pixels, depth: (n, 2) [px] and (n,) [m] of `see`; a depth of 0 marks an invisible vertex.
-        width, height: of the image [px].
+        width, height: size of the image [px].
         step: distance between samples [px].
-        margin: [px].
+        margin: width of the margin [px].
 
     Returns:
         The first sample's x and y [px], then the numbers of columns and rows; zeros if no vertex is in the image.
@@ -247,7 +247,7 @@ def alike(mask: UInt8, phi: Float32) -> float:
 
     Args:
         mask: (rows, columns) uint8.
-        phi: (rows, columns) float32 signed distance, above 0 inside.
+        phi: (rows, columns) float32 signed distance, above 0 inside [px].
     """
     both = either = 0
     for i in range(len(mask)):

@@ -51,9 +51,9 @@ def bounds(seen: Float64, size_px: tuple[int, int], margin_px: float, out: Float
     """Write the bounding box of the visible vertices, clipped to the image.
 
     Args:
-        seen: (n, 3) of `project`.
+        seen: (n, 3) projected vertices, of `project`; a third number of 0 or less marks an invisible one.
         size_px: (width, height) of the image.
-        margin_px: margin of the box about the vertices.
+        margin_px: margin of the box about the vertices [px].
         out: (4,) written: x0, y0, x1, y1 in whole pixels, the end exclusive; 0 if no vertex is visible. A box outside
             the image is empty.
     """
@@ -86,7 +86,7 @@ def cover(
         left, top: position of the first sample [px].
         step: distance between samples [px].
         nearest: (rows, columns) float64 1/z of the nearest surface, 0 for none [1/m]; updated, so the caller resets it.
-        which: (rows, columns) integer index of its triangle, −1 for none; updated likewise.
+        which: (rows, columns) integer index of that surface's triangle, −1 for none; updated.
     """
     h, w = which.shape
     scale = 1.0 / step

@@ -49,7 +49,7 @@ def undistort(views: Float64, n: int, u: float, v: float) -> tuple[float, float]
     Two Newton steps are taken where these suffice, else all of `lens_kernels.undistort`.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         n: index of the view.
         u, v: distorted x/z and y/z in the camera frame.
     """
@@ -141,7 +141,7 @@ def refine(
     """Minimise a point's weighted reprojection errors by Gauss–Newton steps, halved where the cost rises.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         pixels: (points, views, 2) [px].
         at: index of the point.
         weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
@@ -205,7 +205,7 @@ def wide(views: Float64, used: Bool, at: int, X: float, Y: float, Z: float, leas
     """Return whether the rays of at least two used views meet in the point (X, Y, Z) at a sufficient angle.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         used: (points, views); row ``at`` is read.
         at: index of the point.
         X, Y, Z: the point [m].
@@ -234,7 +234,7 @@ def meeting(
     Source: Hartley and Sturm: Triangulation (CVIU 68(2), 1997), section 3 for the midpoint of the common normal.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         rays: (views, 6) of `keep_ray`.
         weights: (views,) 1/variance of a pixel's coordinates [1/px²].
         m, n: indices of the views.
@@ -277,7 +277,7 @@ def truncated(
     """Return the sum over views of a point's squared reprojection errors [sd²], each truncated at the gate.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         pixels: (points, views, 2) [px].
         at: index of the point.
         weights: (views,) 1/variance of a pixel's coordinates [1/px²]; 0 for a view that is not used.
@@ -324,7 +324,7 @@ def consensus(
     Chum, Matas, Kittler: Locally Optimized RANSAC (DAGM 2003), section 2.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         pixels: (points, views, 2) [px].
         at: index of the point.
         rays: (views, 6) of `keep_ray`.
@@ -396,7 +396,7 @@ def fit_most(  # noqa: PLR0912, PLR0915 - one function, so that the compiler kno
     those of `refine`. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
 
     Args:
-        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
+        views, pixels: (views, 25) the cameras, see `geometry.triangulation.Views`, and (points, views, 2) [px].
         sd: (points, views) standard deviation of a pixel's coordinates [px].
         gate2: square of the largest reprojection error of an inlier view [sd²].
         points, covariances, residuals: (points, 3) [m], (points, 3, 3) [m²], (points, views) [px]; rows of fitted
@@ -536,7 +536,7 @@ def triangulate(
     """Triangulate points from their pixels in several views: least reprojection error, with rejection of outlier views.
 
     Args:
-        views: (views, 25), see the module.
+        views: (views, 25) the cameras, see `geometry.triangulation.Views`.
         pixels: (points, views, 2) [px]; NaN where not seen.
         sd: (points, views) standard deviation of a pixel's coordinates [px].
         gate: largest reprojection error of an inlier view, in standard deviations.
@@ -610,7 +610,7 @@ def write_residuals(
     """Write a point's reprojection errors in the views with a weight above 0.
 
     Args:
-        views, pixels: (views, 25) and (points, views, 2) [px], see the module.
+        views, pixels: (views, 25) the cameras, see `geometry.triangulation.Views`, and (points, views, 2) [px].
         at: index of the point.
         weights: (views,).
         X, Y, Z: the point, world [m].

@@ -56,7 +56,7 @@ def weighted_linear(
 
     Args:
         pixels: (..., views, 2) [px]; NaN where the camera does not see the point.
-        confidences: (..., views) of each detection, 0 to 1; NaN where the camera does not see the point.
+        confidences: (..., views) confidence of each detection, 0 to 1; NaN where the camera does not see the point.
         lenses: (views, 9) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         T_camera_world: (views, 4, 4) extrinsics.
         settings: the thresholds.

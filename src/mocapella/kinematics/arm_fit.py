@@ -253,7 +253,7 @@ class ArmModel:
         """Return the sizes and limb directions (STATE,) of an average arm, laid out as in `arm_flesh_kernels`.
 
         Args:
-            forearm: (3,) unit vector from wrist to elbow in the palm's frame; by default the wrist is straight.
+            forearm: (3,) unit vector from wrist to elbow in the palm's frame; None for a straight wrist.
         """
         v = np.empty(kernels().STATE)
         v[:4] = 1.0, 1.0, self.forearm_m, 1.0
@@ -298,7 +298,8 @@ class ArmModel:
             expected: prior and prediction.
             evidence: measurements of the image.
             iterations, loose: most iterations, and factor of the robust scales in the first; the settings' if None.
-            tips: (5, 3) approximate fingertips, camera frame [m], NaN where unknown; they help the first iterations.
+            tips: (5, 3) approximate fingertips, camera frame [m], NaN where unknown, None if all are; they help the
+                first iterations.
             keep: share of the iterations, from the first on, that use ``tips``.
         """
         s, k = self.settings, kernels()

@@ -93,13 +93,13 @@ def flesh(
         mirror: -1 for a left hand, else 1.
         radii: (6, 5) radii of `ArmArrays` [m].
         palm: (k, 8) two points and radii of each capsule of a right hand's palm [m].
-        columns, gains: (5, 5) of `ArmArrays`.
+        columns, gains: (5, 5) index and factor of the free angle that a digit's angle follows, see `ArmArrays`.
         z: (n,) free angles [rad].
-        v: (STATE,) sizes and directions.
+        v: (STATE,) the arm's sizes, and directions of forearm and upper arm in the palm's frame.
         rows: (5, DIGIT) written: ``digits`` scaled to the arm's sizes.
         joints: (5, 4, 3) written: joints and tip of each digit [m].
         axes: (5, 5, 3) written: unit axis of each of a digit's angles.
-        pieces: (15 + k + 3, PIECE) written.
+        pieces: (15 + k + 3, PIECE) written: capsules of the digits, the palm, the forearm (2) and the upper arm [m].
     """
     s, thick, q = v[SCALE], v[THICK] * v[SCALE], np.empty(5)
     for d in range(5):
@@ -230,11 +230,11 @@ def relevance(
 
     Args:
         points: (m, 3) camera frame [m].
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        R, t: (9,), (3,) motion from the palm's frame to the camera frame, rotation by rows; translation [m].
         v: (STATE,) sizes and directions.
         length: length of the shape's hand, before its size factor [m].
         forearm: length of the shape's forearm, before its size factor [m].
-        beyond: weight of points away from hand and forearm.
+        beyond: weight of points away from hand and forearm, 0 to 1.
         out: (m,) written: 1 near the hand, 0.5 near the forearm, else ``beyond``.
     """
     for i in range(len(points)):
@@ -278,7 +278,7 @@ def visible(
         pieces: (pieces, PIECE) of `flesh`.
         places: (k, 3) for each landmark the index of its piece, the position along it from 0 to 1, and 1 if the piece
             ends there, else 0.
-        R, t: (9,), (3,) from the palm's frame to the camera frame.
+        R, t: (9,), (3,) motion from the palm's frame to the camera frame, rotation by rows; translation [m].
         front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         near: largest distance of the image's surface from the flesh's [m].
         out: (k,) written, 0 to 1; 0 if no surface around the landmark faces the camera.

@@ -40,7 +40,7 @@ class Arm(Protocol):
     Attributes:
         id: number of the arm, constant from frame to frame.
         left: whether it is a left arm.
-        points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]; NaN where not known.
+        points: (23, 3) positions of `mocapella.model.arms.ARM_POINTS` [m]; NaN where not known.
     """
 
     @property
@@ -110,7 +110,7 @@ def misdetected(before: Float64, now: Float64, jump_m: float) -> Misdetections:
     fingertips appear, vanish and swap; a swap does not count as a jump.
 
     Args:
-        before, now: (8, 3) of `ARM_JOINTS` [m]; NaN where not known.
+        before, now: (8, 3) positions of `ARM_JOINTS` [m]; NaN where not known.
         jump_m: threshold of a jump [m].
     """
     moved = now - before
@@ -140,7 +140,7 @@ class ArmQualityMeter:
     """Measures the quality of arms frame by frame, by capture time.
 
     Args:
-        settings: thresholds; the defaults if not given.
+        settings: thresholds; the defaults if None.
     """
 
     def __init__(self, settings: ArmQualitySettings | None = None) -> None:
@@ -163,8 +163,8 @@ class ArmQualityMeter:
 
         Args:
             arms: all arms of the frame, or none; an arm of the last frame whose id is missing counts as lost.
-            at_s: capture time [s]. More than ``gap_s`` after the last frame, the windows of still arms restart; not
-                after it, so do the counts per minute.
+            at_s: capture time [s]. The windows of still arms restart unless it is after the last frame, by at most
+                ``gap_s``; unless it is after the last frame, the counts per minute restart, too.
 
         Returns:
             The quality measured so far, as ``quality``.

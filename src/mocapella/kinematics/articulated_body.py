@@ -63,7 +63,7 @@ class ArticulatedBody:
 
     Args:
         topology: the skeleton, which must have a body model.
-        settings: process noise and thresholds; the defaults if not given.
+        settings: process noise and thresholds; the defaults if None.
 
     Attributes:
         model: the body model and the settings.

@@ -54,7 +54,7 @@ class Measurements(NamedTuple):
 
     Attributes:
         positions: (joints, 3) measured [m]; NaN where not measured.
-        variances: (joints,) of a coordinate [m²]; not finite where not measured.
+        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
         residuals: (joints, 3) measured − estimated [m]; undefined where not measured. Written.
         weights: (joints,) information [1/m²], the robust weight included; 0 where not measured. Written.
         robust: (joints,) weights of the robust loss, from 0 to 1; 0 where not measured. Written.
@@ -128,7 +128,7 @@ def correct(
         measured: (joints, 3) world [m]; NaN where not measured.
         measured_variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
         positions: (joints, 3) written: world [m]; NaN while the body is not known.
-        variances: (joints,) written: variance of a coordinate [m²]; likewise.
+        variances: (joints,) written: variance of a coordinate [m²]; NaN while the body is not known.
 
     Returns:
         Whether the body is known.
@@ -183,8 +183,7 @@ def _fit(
     """Fit the pose to a frame by Gauss–Newton steps about the prediction.
 
     Args:
-        model, row: of `correct`; the row's pose is changed.
-        frame: of `correct`; residuals and weights are written.
+        model, row, frame: as in `correct`; the row's pose is changed, residuals and weights are written.
         known: whether the row was predicted, rather than initialised from this frame.
         dt: time since the last update [s].
         origin, positions, variances, R: the fitted pose, written.
@@ -293,7 +292,7 @@ def _learn_motion(layout: MemoryLayout, row: Float64, total: Float64, posterior:
     """Update velocities and variances after a step, by each velocity's covariance with its degree of freedom.
 
     Args:
-        layout, row: of `correct`.
+        layout, row: layout of the memory, and its row, updated.
         total, posterior: (dofs,) the step, and the variances after it.
         body: (9,) the root's rotation before the step.
     """
@@ -375,7 +374,7 @@ def move(layout: MemoryLayout, memory: Float64, T: Float64) -> None:
 
     Args:
         layout: layout of a body's memory, of `ArticulatedModel`.
-        memory: (people, memory_size), changed.
+        memory: (people, memory_size) a state in each row, changed.
         T: (4, 4) rigid motion from the old to the new world frame.
     """
     for p in range(len(memory)):

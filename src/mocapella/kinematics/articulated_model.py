@@ -194,7 +194,7 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(topology: Topology, settings: ArticulatedSettings | None = None) -> ArticulatedModel:
-        """Make the model of a topology, with default settings unless given.
+        """Make the model of a topology, with these settings, or the defaults if None.
 
         Raises:
             SettingsError: the topology has no body model.

@@ -91,8 +91,8 @@ def _near(angle: float, to: float) -> float:
 def turns_within(axes: Float64, R: Float64, limits: Float64, near: Float64, out: Float64) -> None:
     """Write the three angles within limits whose `rotation` is nearest to R.
 
-    There are two solutions: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Where both are within the limits, the one with
-    the smaller last angle is taken.
+    There are two solutions: (α₀, α₁, α₂) and (α₀ + π, π − α₁, α₂ + π). Both are clamped to the limits, and the nearer
+    one is taken; of equally near ones, that with the smaller |α₂|.
 
     Args:
         axes, R, near: (3, 3) unit axes, (9,) rotation and (3,) angles of a pose nearby [rad], as in `turns`.

@@ -85,7 +85,7 @@ class Bone:
         motion: group of its joint, one of `MOTIONS`; ``limb`` takes the acceleration density ``limb_turn``.
         misfit_m: standard deviation of a sensor's joint at the bone's end from the model's, apart from noise [m].
         hinges: revolute joints from the parent outwards.
-        ball: a ball joint, instead of hinges. Without either, the bone is fixed to its parent.
+        ball: a ball joint, instead of hinges; None without one. Without either, the bone is fixed to its parent.
         firm: whether limits and length also hold against measurements that contradict them for long.
     """
 

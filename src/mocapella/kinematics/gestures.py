@@ -236,11 +236,13 @@ class GestureSettings:
 
     Attributes:
         enter: score at or above which a gesture begins; larger: fewer false gestures, more missed ones [0 to 1].
-        leave: score below which it ends; smaller: it lasts longer [0 to 1].
-        after_s: time for which either condition must last; larger: fewer false gestures, later ones [s].
+        leave: score below which a gesture ends; smaller: it lasts longer [0 to 1].
+        after_s: time for which the score must stay beyond ``enter`` or ``leave``; larger: fewer false gestures, later
+            ones [s].
         grab: closure (`closure`) at or above which a hand grasps; larger: the hand must be closed more [0 to 1].
-        release: closure below which it releases; smaller: the hand must be opened more [0 to 1].
-        grab_after_s: time for which either of these conditions must last; larger: fewer false grasps, later ones [s].
+        release: closure below which a hand releases; smaller: the hand must be opened more [0 to 1].
+        grab_after_s: time for which the closure must stay beyond ``grab`` or ``release``; larger: fewer false grasps,
+            later ones [s].
         least_certain: mean certainty of a gesture's digits below which its score is unknown; larger: gestures of partly
             hidden hands are ignored [0 to 1].
         hold_s: time for which a gesture with an unknown score keeps its state [s].
@@ -346,8 +348,8 @@ class HandGestures:
     """Recognises the gestures and grasps of one hand, instant by instant.
 
     Args:
-        settings: thresholds; the defaults if not given.
-        gestures: the gestures to recognise; by default, those in `GESTURES` at this time.
+        settings: thresholds; the defaults if None.
+        gestures: the gestures to recognise; None for those in `GESTURES` at this time.
 
     Raises:
         SettingsError: two gestures of one name, or one without a name.

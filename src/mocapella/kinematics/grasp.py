@@ -63,7 +63,7 @@ class Grasp:
     """Detector of the grasp of one object by one hand: the thumb and at least one finger touch it.
 
     Args:
-        settings: thresholds; the defaults if not given.
+        settings: thresholds; the defaults if None.
 
     Attributes:
         touching: (5,) whether each fingertip touches the object, the thumb's first.

@@ -76,10 +76,10 @@ def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Floa
     """Write a digit's angles f, a, m, b, c into q (5,), from the free angles z (n,) [rad].
 
     Args:
-        z: (n,) free angles.
+        z: (n,) free angles [rad].
         columns, gains: (5, 5) as in `fit`.
         digit: index of the digit, 0 for the thumb.
-        q: (5,) written.
+        q: (5,) written [rad].
     """
     for k in range(5):
         column = columns[digit, k]
@@ -277,10 +277,10 @@ def fit(
             -1: held at 0.
         c_max: limit of c [rad].
         prior_mean, prior: (n,), (n, n) mean and inverse covariance of the free angles.
-        predicted_R, predicted_t, predicted_z: (9,), (3,), (n,) the predicted palm's motion and free angles.
+        predicted_R, predicted_t, predicted_z: (9,), (3,), (n,) predicted values of R, t and z.
         certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
-        R, t, z: (9,), (3,), (n,) motion from the palm's frame to the world and free angles; the start, overwritten with
-            the result.
+        R, t, z: (9,), (3,), (n,) motion from the palm's frame to the world (rotation by rows, translation [m]) and free
+            angles [rad]; the start, overwritten with the result.
         iterations: largest number of iterations.
     """
     n = 6 + len(z)

@@ -58,7 +58,7 @@ class HandSolver(Protocol):
 
         Args:
             targets: (..., 5, 3) fingertips, the thumb's first, in the palm's frame [m]; NaN where one is not seen.
-            start: (..., 21) initial angles [rad], kept for digits without a target; by default the natural posture.
+            start: (..., 21) initial angles [rad], kept for digits without a target; None for the natural posture.
                 Angles beyond the limits are clamped, and the opposition of a thumb with a target is set to 0.
 
         Returns:
@@ -200,7 +200,7 @@ class Fabrik(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria; its damping is not used. The defaults if not given.
+        settings: stopping criteria; its damping is not used. None for the defaults.
     """
 
     name, kind = "FABRIK", "FABRIK"
@@ -212,7 +212,7 @@ class JacobianTranspose(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria; its damping is not used. The defaults if not given.
+        settings: stopping criteria; its damping is not used. None for the defaults.
     """
 
     name, kind = "Jacobian transpose", "TRANSPOSE"
@@ -224,7 +224,7 @@ class PseudoInverse(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria; its damping is not used. The defaults if not given.
+        settings: stopping criteria; its damping is not used. None for the defaults.
     """
 
     name, kind = "pseudo-inverse", "PSEUDO_INVERSE"
@@ -236,7 +236,7 @@ class DampedLeastSquares(_Iterative):
     Args:
         model: the hand's joints and limits.
         shape: the hand's lengths.
-        settings: stopping criteria and damping; the defaults if not given.
+        settings: stopping criteria and damping; None for the defaults.
     """
 
     name, kind = "damped least squares", "DAMPED"

@@ -139,7 +139,7 @@ class HandTracker:
         shape: the person's bone lengths, and the hand's side.
         base_markers: (k, 3) positions of the base's markers in the palm's frame of a right hand, k ≥ 1; of a left hand,
             mirrored [m].
-        settings: priors and thresholds; the defaults if not given.
+        settings: priors and thresholds; the defaults if None.
 
     Attributes:
         report: counts since the tracker was made or reset, updated in place.
@@ -181,7 +181,7 @@ class HandTracker:
                 where one is not seen.
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
             uncertainty: (5 + k,) standard deviations of a coordinate [m] or (5 + k, 3, 3) covariances [m²]; the
-                settings' unless given. A marker whose uncertainty is not positive and finite is not used.
+                settings' if None. A marker whose uncertainty is not positive and finite is not used.
 
         Returns:
             The hand at that instant, with all landmarks. Acquisition needs at least three fingertips and a base marker.

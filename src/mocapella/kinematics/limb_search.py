@@ -47,7 +47,8 @@ class LimbSearchSettings:
             round n is this divided by 2ⁿ [rad].
         farther_rad: standard deviation of the joint angles of the second third about the present pose [rad].
         kept: number of best poses about which new ones are drawn in each round, ever nearer [poses].
-        again: number of poses drawn about each of them in a round; larger: a better pose, at more work [poses].
+        again: number of poses drawn about each of the ``kept`` ones in a round; larger: a better pose, at more work
+            [poses].
         rounds: number of rounds, in each of which poses are drawn half as far away; larger: a finer pose, at more work
             [rounds].
         per_rad2: cost of a rotation from the present pose, in units of the score; larger: nearer poses are preferred
@@ -56,12 +57,12 @@ class LimbSearchSettings:
             limbs avoid what looks like the background more [ratio].
         against: share of background samples above which a limb may be lost; larger: limbs are searched for more rarely
             [0 to 1].
-        astray: score, at most 1, below which such a limb is searched for; larger: limbs are searched for more often
-            [ratio].
+        astray: score, at most 1, below which a limb that may be lost is searched for; larger: limbs are searched for
+            more often [ratio].
         better: gain of the score above which a lost limb moves to the new pose; larger: fewer wrong moves, and more
             limbs stay lost [ratio].
-        much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: likewise
-            [ratio].
+        much_better: gain of the score above which a limb that is not lost moves to the new pose; larger: fewer wrong
+            moves, and more limbs stay misplaced [ratio].
         per_m: cost of penetrating limbs, in units of the score; larger: they are avoided more [1/m].
 
     Raises:
@@ -132,7 +133,7 @@ def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Lim
 
     Args:
         mesh: the body's mesh and its tree.
-        settings: of these, ``points`` is used: the number of sampled vertices of a limb.
+        settings: only ``points`` is used, the number of sampled vertices of a limb.
     """
     parents, found = mesh.tree.parents, []
     solid = capsules_of(mesh)
@@ -219,7 +220,7 @@ class FoundLimb(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         pose: pose of the body's tree, within its limits; only the limb differs from the former one.
-        worth, was: scores of that pose and of the former one, at most 1; the module defines them.
+        worth, was: scores of ``pose`` and of the former pose, at most 1, as the module defines them.
     """
 
     pose: TreePose

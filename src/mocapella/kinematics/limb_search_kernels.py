@@ -30,7 +30,7 @@ def places(
     """Compute points of a body in each of n candidate poses of a limb's tree.
 
     Args:
-        parents, joint_parts, twists: of a `TwistTree`, whose root may also have joints.
+        parents, joint_parts, twists: fields of a `TwistTree`, whose root may also have joints.
         T: (4, 4) motion of the root before its joints.
         now: (m,) present angles [rad].
         tried: (n, m) candidate angles [rad].
@@ -62,8 +62,8 @@ def add_worth(
     values.
 
     Args:
-        at: (n, p, 3) of `places`.
-        T_camera_world, lens, farthest_r2: of the camera's `Eye`.
+        at: (n, p, 3) points in each pose, world [m], of `places`.
+        T_camera_world, lens, farthest_r2: fields of the camera's `Eye`.
         strange: (rows, columns) of `Evidence`, from 1 (foreground) to −1 (background).
         x0, y0, step: position of its first sample, and distance between samples [px].
         worth: (n, 2) sums for and against, updated.
@@ -122,7 +122,7 @@ def depths(ends: Float64, radii: Float64, pairs: Int64, deep: Float64) -> None:
 
     Args:
         ends: (n, c, 2, 3) end points of the capsules' axes in each pose [m].
-        radii: (c,) of the capsules [m].
+        radii: (c,) radii of the capsules [m].
         pairs: (q, 2) indices of two capsules.
         deep: (n,) written [m].
     """

@@ -237,7 +237,7 @@ def touching(
         sd_px: standard deviation of the image outline's position, for one pixel of its length [px].
         full: least ``surety`` of a match with full weight [nats].
         R, t: (parts, 9), (parts, 3) the parts' motions from rest: rotations row by row, translations [m].
-        lens, farthest_r2, T: of the camera, with T (4, 4) ``T_camera_world``.
+        lens, farthest_r2, T: lens and its range as in `outline_kernels.see`, and ``T_camera_world`` (4, 4).
 
     Returns:
         (n,) part, (n, 3) points at rest [m], (n, 4) planes in the world (unit normal, offset [m]) and (n,) weights

@@ -142,7 +142,7 @@ class TreeFit(msgspec.Struct, frozen=True, eq=False):
         steps: number of accepted steps.
         rests: whether the fit converged, by the criteria of `FitSettings`.
         cost: weighted sum of squared residuals of the constraints at this pose.
-        prior_cost: the same of the priors.
+        prior_cost: weighted sum of squared residuals of the priors.
     """
 
     pose: TreePose

@@ -108,7 +108,7 @@ def run_camera_node(
         wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
         begun: called when the source has been started.
-        full: returns whether enough is measured, which ends the run; a run with it needs no server.
+        full: returns whether enough is measured, which ends the run; a run with it needs no server. None: no such end.
         linger_s: how long to stay after the source has ended, so that a recording server can fetch missed frames [s].
         clock: the monotonic clock, in seconds.
 

@@ -77,7 +77,7 @@ class Door:
             self._inbox.forget(node)
 
     def command(self, verb: str, arguments: dict[str, Any], answer: Answer) -> None:
-        """Pass a command to the tracker, or refuse it if too many wait."""
+        """Pass a command to the tracker's queue, or answer at once with a refusal if too many wait."""
         refusal = self._commands.put(verb, arguments, answer)
         if refusal:
             answer(msgspec.json.encode(CommandReply(False, refusal)))

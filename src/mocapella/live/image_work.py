@@ -34,7 +34,7 @@ class ImageSettings:
 
     Attributes:
         format: ``jpeg``, or ``png``, which is lossless and about ten times as large.
-        quality: of a JPEG, 1 to 100.
+        quality: quality of a JPEG, 1 to 100.
         delay_s: latency from capture to arrival, for example of a network camera [s].
 
     Raises:

@@ -74,8 +74,9 @@ def run_marker_node(
         stop: ends the run.
         wait: whether to wait for a server before the run begins.
         say: receives messages about the run.
-        times: receives each frame's stage times; the run ends when it is full, and needs no server.
-        camera: the camera as calibrated, if known; then the time to undistort the points is measured, too.
+        times: receives each frame's stage times; the run ends when it is full, and needs no server. None measures
+            no times.
+        camera: the calibrated camera; then the time to undistort the points is measured, too. None if unknown.
         clock: the monotonic clock, in seconds.
 
     Returns:

@@ -54,7 +54,7 @@ def open_link(
     Args:
         connect: address of the server.
         sensor: name of the sensor.
-        disk: what to write; by default the spool only.
+        disk: what to write; None for the spool only.
         history_frames: number of frames to keep in memory.
         say: receives messages about frames that are not stored.
 

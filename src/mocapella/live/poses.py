@@ -70,7 +70,7 @@ def run_openvr(
     Args:
         link: the sensor's end of the bus; stays open.
         source: the connected devices; stays open.
-        hz: frames a second.
+        hz: frame rate [Hz].
         stop: ends the run.
         say: receives messages about the run.
 

@@ -313,7 +313,7 @@ class RecordPath:
 
 
 class ClosedTakes:
-    """Tells nodes that a take is closed; if a node is away, once it is connected again.
+    """Tells nodes that a take is closed, absent nodes as soon as they are connected again.
 
     Until a node is told, it keeps its frames for the take. Any thread may call the methods.
 
@@ -384,11 +384,11 @@ def request_of(
     Args:
         take: identity of the take.
         state: state of the node's frames at the last commit; None if none has come.
-        first: number of the node's first frame that belongs to the take, if it was known when the take began.
-        age_ns: time since the take began [ns]; the node determines the first frame from it if it is not known.
+        first: number of the node's first frame that belongs to the take; None if it was unknown when the take began.
+        age_ns: time since the take began [ns]; the node determines the first frame from it if ``first`` is None.
         settled: frames below this number can be requested, because they are not on their way any more.
         under_way: (first, last) of frames that were asked for already.
-        most: frames to ask for.
+        most: largest number of frames to ask for.
     """
     if state is None or not state.agreed:
         return FrameRequest(take, first, age_ns=age_ns)

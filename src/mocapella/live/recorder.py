@@ -204,7 +204,10 @@ class Recorder:
             self._refuse("the session", "scenes", _CROWDED_OUT)
 
     def truth(self, sensor: str, data: bytes, arrived_ns: int) -> None:
-        """Write a simulation's encoded ground truth; one that cannot be decoded is refused, and reported once."""
+        """Write a simulation's encoded ground truth; refuse, and report once, one that cannot be decoded.
+
+        ``arrived_ns`` is its arrival on the server's monotonic clock [ns].
+        """
         if not self._put(len(data), partial(self._write_truth, sensor, data, arrived_ns)):
             self._refuse(sensor, "ground truths", _CROWDED_OUT)
 

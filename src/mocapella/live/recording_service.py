@@ -108,7 +108,7 @@ class RecordingService:
 
         Raises:
             NotNowError: a take is being recorded already, or is being ended.
-            TakeExistsError, DiskFullError, RecordingError: before anything is created.
+            TakeExistsError, DiskFullError, RecordingError: the take cannot be created; nothing is.
         """
         if not self._changing.acquire(blocking=False):
             raise NotNowError("the previous take is being closed; try again in a moment")

@@ -97,7 +97,7 @@ class RunLog:
 
     Args:
         command: name of the command that runs; the file is named after it.
-        folder: folder of the file; by default `log_folder`.
+        folder: folder of the file; None for `log_folder`.
 
     Attributes:
         path: path of the file, which is made with the first entry.

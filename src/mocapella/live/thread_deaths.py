@@ -49,7 +49,7 @@ def end_with_any_thread(
     """Set ``stop.died`` and ``stop`` if a thread dies of an exception within this block; raise an error at its end.
 
     If the process has not ended by itself ``within_s`` after the death, ``exit_now`` is called, also after the block;
-    by default it is `exit_process`.
+    None stands for `exit_process`.
 
     Raises:
         MocapellaError: a thread died; names it and its error.

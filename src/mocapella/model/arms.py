@@ -38,7 +38,7 @@ class SeenArm(msgspec.Struct, frozen=True, eq=False):
         points: (23, 3) in the order of `ARM_POINTS` [m]; NaN where not known.
         states: (23,) `JointState`: 2 measured in this image, 1 inferred, 0 not known.
         sd: (23,) standard deviation of a coordinate [m]; NaN where not known.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN if the detector has none.
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN if the detector has none.
         T_camera_palm: (4, 4) from the palm's frame, see `mocapella.model.hand`, to the camera frame; None if the
             detector has none.
         gesture: its name, such as open or fist; empty if none is recognised.

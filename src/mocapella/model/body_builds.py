@@ -25,7 +25,7 @@ class BodyBuild(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         model: one of `MODELS`, or the name of a mesh file.
-        height_m: subject height, if given [m].
+        height_m: subject height; None if not given [m].
         proportions: fields of `BodyProportions` by name: known lengths [m] and girth; None for a mesh file.
         sha256: hash of the mesh file, in hexadecimal digits; empty for one of `MODELS`.
     """

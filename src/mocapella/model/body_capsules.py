@@ -74,7 +74,7 @@ def depths_m(capsules: Capsules, landmarks: Float64) -> Float64:
     """Return how deeply the capsules of each pair of limbs, ``capsules.pairs``, overlap.
 
     Args:
-        capsules: of the mesh.
+        capsules: the mesh's capsules.
         landmarks: (..., n, 3) all landmarks of the posed mesh, in its order [m].
 
     Returns:

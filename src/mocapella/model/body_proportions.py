@@ -36,13 +36,13 @@ class Lengths:
 
     Attributes:
         ankle_height: height of the ankles above the ground.
-        shank, thigh: from joint to joint.
-        trunk: from the midpoint of the hips to the midpoint of the shoulders.
-        head: from the midpoint of the shoulders to the top of the head.
+        shank, thigh: lengths from joint to joint.
+        trunk: distance from the midpoint of the hips to the midpoint of the shoulders.
+        head: distance from the midpoint of the shoulders to the top of the head.
         shoulder_width, hip_width: distances between the centres of left and right joint.
-        upper_arm, forearm: from joint to joint.
-        hand: from the wrist to the fingertips.
-        foot: from heel to toes.
+        upper_arm, forearm: lengths from joint to joint.
+        hand: length from the wrist to the fingertips.
+        foot: length from heel to toes.
 
     Raises:
         SettingsError: a length is not finite and above 0.
@@ -123,7 +123,7 @@ class Flesh:
         thigh: cross sections: position, half breadth, shift forwards, and half depth minus half breadth.
         shank: cross sections: position, radius, and shift forwards.
         upper_arm, forearm: cross sections: position, radius, and shift towards the thumb.
-        neck, jaw, breasts, buttocks: radii.
+        neck, jaw, breasts, buttocks: radii of these parts.
     """
 
     trunk: tuple[tuple[float, float, float, float], ...]

@@ -88,7 +88,7 @@ def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
 
     Args:
         text: the TOML text.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: as `load_camera_rig`.

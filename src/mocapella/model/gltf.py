@@ -84,7 +84,7 @@ class Gltf:
 
         Args:
             problem: what is wrong, as a clause after the file's name.
-            field, value: the field with the fault and its value, if known.
+            field, value: the field with the fault and its value; None if unknown.
             fix: advice.
         """
         return InputError(problem, file=self.path, field=field, value=value, fix=fix)

@@ -66,7 +66,7 @@ class Digit:
         base: position of its first joint: x over the hand's breadth, y and z over its length.
         bone: direction of the straight digit at angles 0.
         bends_towards: direction of the tip's motion in flexion; made perpendicular to ``bone``.
-        lengths: of its three bones, from the base outwards, over hand length.
+        lengths: lengths of its three bones, from the base outwards, over hand length.
         centre_deg: flexion and abduction at the centre of the ellipse that limits the first joint [deg].
         flexion_deg, abduction_deg: least and most of both on that ellipse [deg]; flexion may begin at the centre (half
             an ellipse). Abduction is positive to the thumb's side.
@@ -248,8 +248,8 @@ class HandModel:
 
         Args:
             handedness: left or right.
-            hand_length_m: from the wrist to the tip of the middle finger [m]; the reference's if not given.
-            hand_breadth_m: across the knuckles [m]; proportional to the length if not given.
+            hand_length_m: from the wrist to the tip of the middle finger [m]; None for the reference's.
+            hand_breadth_m: across the knuckles [m]; None makes it proportional to the length.
             person: name of the person.
 
         Raises:

@@ -39,7 +39,7 @@ def decode_hand_shape(data: bytes, *, file: object = None) -> HandShape:
 
     Args:
         data: the content; lengths are in metres.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: it is not a hand, of another version, or a number is invalid; names the field.

@@ -52,7 +52,7 @@ def finger_radii(hand_length_m: float, thickness: float = 1.0) -> Float64:
 
     Args:
         hand_length_m: from the wrist to the tip of the middle finger [m].
-        thickness: of the fingers, relative to the average for that length.
+        thickness: thickness of the fingers, relative to the average for that length.
     """
     return 1e-3 * hand_length_m / 0.189 * thickness * np.array(FINGER_RADII_MM)
 

@@ -49,7 +49,7 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
 
     Args:
         shape: the person's bones.
-        thickness: of the fingers, relative to the average for that length of hand; 0.7 to 1.3.
+        thickness: thickness of the fingers, relative to the average for that length of hand; 0.7 to 1.3.
         detail: factor of the number of vertices along a line; 0.9 to 3.
 
     Raises:

@@ -54,7 +54,7 @@ def image_frame(
         image: (height, width, 3) uint8 BGR for ``raw``; the encoded bytes; None if the camera delivered no image.
         time_ns: capture time, on the camera's own clock.
         format: format of ``image``; ignored if that is None.
-        size_px: (width, height) of the image; not needed for an array.
+        size_px: (width, height) of the image; ignored for an array; without an image, None gives (0, 0).
         node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
             clock [ns]; a node sets them when it publishes.
         empty_room: whether the image shows the room without people.

@@ -26,10 +26,10 @@ class MarkerFrame(SensorFrame, frozen=True, eq=False):
             where the marker is not seen.
         sd_px: (markers,) standard deviation of a coordinate [px]; NaN where not seen.
         areas_px: (markers,) number of the marker's pixels; 0 where not seen.
-        confidences: (markers,) from 0 to 1.
+        confidences: (markers,) confidence of each marker, 0 to 1.
         elongations: (markers,) long axis over short axis of the marker's region, NaN where not seen. Like
             ``candidates``, it is not part of a message, so None in a frame from a node or a take.
-        candidates: (markers,) number of the image's regions that could be the marker; at most 255.
+        candidates: (markers,) number of the image's regions that could be the marker; at most 255; None as above.
     """
 
     size_px: tuple[int, int]
@@ -77,8 +77,8 @@ def marker_frame(
         size_px: (width, height) of the image.
         positions_px: (markers, 2) x, y, with the lens' distortion [px].
         sd_px: standard deviation of a coordinate [px].
-        areas_px: number of the marker's pixels.
-        confidences: from 0 to 1.
+        areas_px: number of each marker's pixels.
+        confidences: confidence of each marker, 0 to 1.
         node_id, sequence, sent_ns: the sending process, the frame's number, and its time of sending on the node's
             clock [ns]; a node sets them when it publishes.
 

@@ -67,7 +67,7 @@ def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = Non
     Args:
         seen: the file's names.
         rig: the rig's names.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Returns:
         The rig's name for each of ``seen``.

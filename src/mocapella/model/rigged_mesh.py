@@ -106,7 +106,7 @@ def rigid_mesh(name: str, vertices: Any, faces: Any, landmarks: Mapping[str, Any
         name: name of the object and of its only part.
         vertices: (n, 3) in the object's frame [m].
         faces: (m, 3) indices of each triangle's vertices, counter-clockwise as seen from outside.
-        landmarks: points (3,) [m] by name.
+        landmarks: points (3,) in the object's frame [m] by name; None for none.
 
     Raises:
         SettingsError: no vertices, or arrays that do not fit `RiggedMesh`.

@@ -171,7 +171,7 @@ class TrackedArm(msgspec.Struct, frozen=True, eq=False):
         points: (23, 3), world [m]; NaN where not known.
         states: (23,) `JointState`: tracked = at least one camera measures it; inferred; not tracked.
         sd: (23,) float32, standard deviation of a coordinate [m]; NaN where not known.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN where not known.
         T_world_palm: (4, 4) pose of the palm; None where not known.
         gesture: name, such as open or fist; empty if none is recognised.
         gesture_sure: confidence of the gesture, from 0 to 1.

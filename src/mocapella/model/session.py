@@ -120,13 +120,13 @@ class SensorHealth:
         silent: whether no frame has arrived yet, or none for longer than the limit (`mocapella.model.pace`).
         local: whether the node runs on the server's machine.
         bodies: number of items, such as people, in its newest frame; 0 if it is silent.
-        rate_hz: frame rate over the last seconds.
+        rate_hz: frame rate over the last seconds [Hz].
         latency: from publication to result, median of the last seconds [s]; None if unknown.
         frames: number of tracked live frames.
         dropped: number of live frames that were skipped for a newer one, or lost in transfer.
         rejected: number of rejected messages.
         clock_offset: node's monotonic clock minus the server's [s]; None until measured.
-        clock_bound: largest error of the offset [s]; it grows while the node does not answer.
+        clock_bound: largest error of the offset, None until measured [s]; it grows while the node does not answer.
         stored: number of its frames that are in the present or last take.
         lost: number of its frames that are known to be missing from that take.
         tilt: upward tilt, as configured, or else from its frames [rad].
@@ -136,8 +136,8 @@ class SensorHealth:
         capture_offset: estimate of the server's monotonic clock minus the clock of its capture times [s]: the smallest
             difference of arrival and capture time, so too large by the smallest latency; None before the first frame.
         sends: the name of its frames' type, such as skeletons.
-        frames_before, dropped_before: of ``frames`` and ``dropped``, the numbers before tracking began.
-        behind: of ``dropped``, the number skipped because the tracker was too slow, rather than lost in transfer.
+        frames_before, dropped_before: the parts of ``frames`` and ``dropped`` before tracking began.
+        behind: the part of ``dropped`` skipped because the tracker was too slow, rather than lost in transfer.
         calibration: quality of its calibrated pose, or its problem; empty if the method has none.
         clock_drift_ppm: mean rate of change of ``clock_offset`` over the last minute or so [µs/s]; None until known.
         clock_drift_bound_ppm: largest error of the drift [µs/s]; None until known.
@@ -195,11 +195,11 @@ class RecordingHealth:
 
     Attributes:
         active: whether it is running.
-        path: of the take; empty before the first recording.
-        frames, scenes: number on the disk.
-        lost: frames that are known to be missing.
-        size_bytes: of the file.
-        seconds: duration so far, or of the take [s].
+        path: path of the take; empty before the first recording.
+        frames, scenes: numbers of frames and scenes on the disk.
+        lost: number of frames that are known to be missing.
+        size_bytes: size of the file [bytes].
+        seconds: duration so far, or of the ended take [s].
         problem: why it stopped by itself; empty if it did not.
         unknown: nodes of the ended take whose last frame is not known.
         unwritten: entries that could not be written, such as an invalid one; frames among them count as lost.
@@ -306,7 +306,7 @@ class SessionStatus:
         next_take: proposed name for the next take, which no take in the server's folder has.
         notices: messages for users, the newest last, such as refused nodes and changes of state.
         uptime: time since the server started [s].
-        version: of Mocapella.
+        version: Mocapella's version.
         health: state of the server itself.
     """
 
@@ -343,7 +343,7 @@ class CommandReply:
     Attributes:
         ok: whether it was carried out.
         message: the result, or the error and a remedy.
-        status: the session right after it.
+        status: the session right after it; None if the reply does not give it.
     """
 
     ok: bool

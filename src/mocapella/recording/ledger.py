@@ -208,7 +208,7 @@ class NodeLedger:
         return self.heard - 1 if self.agreed and self.end is None else None
 
     def missing(self, below: int | None = None) -> Iterator[tuple[int, int]]:
-        """Yield the first and last sequence number of each gap in the take's frames, up to before ``below``."""
+        """Yield (first, last) of each gap in the take's frames: before ``below``, or all gaps if it is None."""
         end = self.after if below is None else min(below, self.after)
         yield from self._received.gaps(self.first, end)
 

@@ -111,7 +111,7 @@ def merge_locked(path: Path, reserve_bytes: int, found: FoundFrames | None = Non
     Args:
         path: the take, ``NAME.mcap``.
         reserve_bytes: free disk space to leave beside the copy.
-        found: frames of other files to add.
+        found: frames of other files to add; None for none.
 
     Raises:
         DiskFullError: there is no space for the copy.

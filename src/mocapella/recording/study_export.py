@@ -60,7 +60,7 @@ def rows_of(
         setup: gives participant, placement and scenario.
         reference: name of the reference sensor, or None for each person's first view.
         tracker_time_ms: wall clock at the result, since the start of the year 1 [ms].
-        kinect_ids: the log's ``kinect_id`` by the sensor's name; the name itself by default.
+        kinect_ids: the log's ``kinect_id`` by the sensor's name; the name itself for other sensors or if None.
 
     Source:
         the thesis' equations 7 and 8: T = R(θ)(p − C), and back with the reference sensor's θ and C.

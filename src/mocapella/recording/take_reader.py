@@ -138,7 +138,7 @@ class Take:
         return tuple(sorted({frame.kind for frame in frames if isinstance(frame, UnknownFrame)}))
 
     def frames(self, sensor: str | None = None) -> Iterator[StoredFrame]:
-        """Yield the frames of one sensor, or of all, in the order of storage.
+        """Yield the frames of one sensor, or of all if None, in the order of storage.
 
         Raises:
             DamagedTakeError: a frame's bytes are not a valid frame.
@@ -158,7 +158,7 @@ class Take:
         yield from self._frames(sorted(frames, key=lambda frame: (nodes[frame.node_id], frame.sequence)))
 
     def scenes(self, run: int | None = None) -> Iterator[tuple[int, Scene]]:
-        """Yield (log_ns, scene) of one run, or of all, in order.
+        """Yield (log_ns, scene) of one run, or of all if None, in the order of storage; log_ns as in `Take`.
 
         Raises:
             DamagedTakeError: a scene's bytes are not a valid scene.
@@ -179,13 +179,13 @@ class Take:
         yield from self._decoded(self._index.others.get(take.CLOCK, []), _decode_values)
 
     def commands(self, run: int | None = None) -> Iterator[Command]:
-        """Yield the commands to the tracker, of one run or of all."""
+        """Yield the commands to the tracker, of one run, or of all if None."""
         refs = (ref for number, ref in self._index.commands if run in (None, number))
         for log_ns, stored in self._decoded(refs, _decode_command):
             yield Command(stored.before_step, log_ns, stored.command)
 
     def arrivals(self, run: int | None = None) -> Iterator[Arrival]:
-        """Yield the tracked frames of one run, or of all, in the tracker's order, with server-clock capture times.
+        """Yield the tracked frames of one run (None: of all) in the tracker's order, with server-clock capture times.
 
         Scenes whose frame is missing are skipped; `problems` names them.
         """

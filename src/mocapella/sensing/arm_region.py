@@ -48,7 +48,7 @@ class ArmRegionSettings:
         finger_m: greatest width of a finger; a wider branch of the surface may be the forearm [m].
         hidden: greatest share of a hand's edges that belong to a nearer surface which occludes it; larger: hands that
             are more hidden are found, also false ones [0 to 1].
-        nearer_m: least difference in depth to such a surface [m].
+        nearer_m: least difference in depth between a hand and a surface that occludes it [m].
         branch_m: least length of a branch of the surface, such as a finger [m].
         points: largest number of points of a region; larger: more accurate, at more work [points].
 
@@ -263,7 +263,7 @@ def palm_candidates(  # noqa: PLR0917 - of an image, in this order
         most: greatest number of candidates.
         near: (3,) or (k, 3) points in the camera frame [m]; only candidates within 15 cm of one are returned, found on
             a coarser grid; None: the whole image is searched.
-        but: (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out.
+        but: None, or (k, 4) spheres, centre and radius in the camera frame [m]; candidates centred in one are left out.
 
     Returns:
         Steps (see `mocapella.steps`) whose result is the list of candidates, the likeliest first.

@@ -93,7 +93,7 @@ def bands(spheres: Float64, lens: Float64, gate: float, arm_gate: float, low: Fl
 
     Args:
         spheres: (k, 5) centre (3) in the camera frame and radius [m], and 1 for the hand or 0 for the arm.
-        lens: (4,) of the grid.
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
         gate: largest distance of the surface from the spheres of the hand [m].
         arm_gate: largest distance of the surface from the spheres of the arm [m].
         low, high: (h, w) written: least and greatest depth [m]; infinite and 0 where no sphere is near.
@@ -226,7 +226,7 @@ def unprojected(front: Float64, lens: Float64, out: Float64) -> int:
 
     Args:
         front: (h, w) depth [m]; only pixels above 0 are used.
-        lens: (4,) of the grid.
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
         out: (capacity, 3) the first rows are written: camera frame [m].
     """
     height, width = front.shape
@@ -298,7 +298,7 @@ def inner_distance(seen: Float64, labels: Int64, lens: Float64, out: Float64) ->
     Args:
         seen: (h, w) depth [m].
         labels: (h, w) of `labelled`.
-        lens: (4,) of the grid.
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
         out: (h, w) written [m]; 0 off any surface.
     """
     height, width = seen.shape
@@ -359,7 +359,7 @@ def geodesic(
 
     Args:
         seen: (h, w) depth [m]; 0 where nothing was measured.
-        lens: (4,) of the grid.
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
         jump: neighbours whose depths differ by more are not connected [m per metre of depth].
         from_y, from_x: row and column of the pixel.
         most: largest distance that is computed [m].
@@ -476,7 +476,7 @@ def branches(seen: Float64, away: Float64, lens: Float64, jump: float, least: fl
     Args:
         seen: (h, w) depth [m].
         away: (h, w) distances along the surface from the origin [m], infinite off it; of `geodesic`.
-        lens: (4,) of the grid.
+        lens: (4,) fx, fy, cx, cy of the grid [grid pixels].
         jump: neighbours whose depths differ by more are not connected [m per metre of depth].
         least: branches with a smaller persistence are part of the one they meet [m].
         found: (capacity, 8) written, the branch that reaches farthest first: row and column of its farthest pixel, its

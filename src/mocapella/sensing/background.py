@@ -46,7 +46,7 @@ class BackgroundModel(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         usual: (height, width) or (height, width, 3) uint8, the median of every pixel; channels as in the images.
-        spread: of the same shape, uint8, a pixel's standard deviation in quarters of a grey level, at most 255.
+        spread: uint8 of the shape of ``usual``, a pixel's standard deviation in quarters of a grey level, at most 255.
         least_sd: least standard deviation of a density [grey levels].
         darkest: least brightness of a pixel in shadow, as a share of its usual one; 1: there are no shadows.
         shadow_nats: additional cost of a pixel in shadow [nats].
@@ -142,7 +142,7 @@ def background_contour(
         model: learnt from images of the same size and camera.
         window: the part of the image that is segmented; its phi is the shape prior if ``guided``, else it is ignored.
         guided: whether the window's phi is a prior, as for `region_contour`.
-        ignore: (height, width) bool, True for pixels without information.
+        ignore: (height, width) bool, True for pixels without information; None for none.
         settings: weights and limits; of those for local densities, only ``outliers`` and ``median`` are used.
         energies: whether energies are computed, which takes longer.
 

@@ -48,11 +48,11 @@ class MemorySettings:
             larger: fewer images are rejected [standard deviations].
         strange_sd: a sample farther than this from its mean counts as changed in the foreground score of colour
             images, the vote of five samples; larger: less is foreground [standard deviations].
-        strange_gray_sd: the same in gray images, where shadows cannot be distinguished [standard deviations].
+        strange_gray_sd: ``strange_sd`` for gray images, where shadows cannot be distinguished [standard deviations].
         shadow: least brightness of a sample in shadow, as a share of its usual one; smaller: darker shadows are not
             foreground; 1: no sample is in shadow [0 to 1].
-        shadow_sd: largest distance of such a sample from its darkened colour; larger: more is taken for shadow [grey
-            levels].
+        shadow_sd: largest distance of a sample in shadow from its darkened colour; larger: more is taken for shadow
+            [grey levels].
         every: stride between the samples that decide whether an image shows this room; larger: less work, less certain
             [samples].
 
@@ -147,8 +147,9 @@ class BackgroundMemory:
             image: (height, width) or (height, width, 3) uint8.
             person: the person's silhouette in an aligned window, of this memory's step and with a multiple of it as
                 origin. Samples inside, and nearer to it than ``guard_steps``, are not learnt. None: no person is seen.
-            others: (height, width) bool, True on other people, whose pixels are not learnt either.
-            covered: (rows, columns) uint8 of the window, another mask of the person, not 0 on samples not to learn.
+            others: (height, width) bool, True on other people, whose pixels are not learnt either; None: no others.
+            covered: (rows, columns) uint8 of the window, another mask of the person, not 0 on samples not to learn;
+                None for none.
 
         Raises:
             InputError: an image of another size than the first, a mask of another size than the image or the window, or

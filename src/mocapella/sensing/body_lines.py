@@ -121,7 +121,7 @@ def body_lines(depth: Float32, camera: Camera, settings: BodyLinesSettings | Non
     Args:
         depth: (height, width) [m]; values not above 0 were not measured.
         camera: its size and lens.
-        settings: limits; the defaults if not given.
+        settings: limits; None for the defaults.
 
     Returns:
         The bodies, or the reason why there is none, with the results of earlier stages.

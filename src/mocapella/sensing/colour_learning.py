@@ -69,7 +69,7 @@ def learn_colours(
         camera: its name.
         samples: images and clicks; a name may be in several images.
         backgrounds: images without markers; the background is learnt from these, and from ``samples`` off the markers.
-        controls: values of the camera's controls, stored in the profile; all None if not given.
+        controls: values of the camera's controls, stored in the profile; None stores no value.
 
     Raises:
         InputError: a click that cannot be learnt from; names it and says where to click.

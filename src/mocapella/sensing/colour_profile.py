@@ -202,7 +202,7 @@ def decode_profile(data: bytes, *, file: object = None) -> ColourProfile:
 
     Args:
         data: the content.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: it is not a profile; states the field, its value and a valid one.

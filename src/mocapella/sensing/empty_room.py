@@ -49,7 +49,7 @@ class EmptyRoom:
 
         Args:
             images: (height, width, 3) uint8 BGR by camera, of the same size each time; they are copied.
-            people: silhouettes of the people in the images, by camera.
+            people: silhouettes of the people in the images, by camera; None for none.
         """
         for name, image in images.items():
             free = np.ones(image.shape[:2], np.bool_)
@@ -72,7 +72,7 @@ class EmptyRoom:
             name: name of the camera.
             image: (height, width, 3) uint8 BGR, of the size that was learnt.
             taken: the segmented body.
-            others: (height, width) bool where other people are, whose pixels are left out first.
+            others: (height, width) bool, True on other people, whose pixels are left out first; None for none.
 
         Returns:
             The share of differing pixels among the body's remaining pixels where the room was learnt. NaN if the room
@@ -95,7 +95,7 @@ class EmptyRoom:
             name: name of the camera.
             image: (height, width, 3) uint8 BGR.
             things: largest number of objects.
-            others: (height, width) bool where other people are, who are left out.
+            others: (height, width) bool, True on other people, who are left out; None for none.
 
         Returns:
             A silhouette in the whole image, sampled at every second pixel, with phi of 0.5 on the objects and −0.5
@@ -122,7 +122,7 @@ class MovedSince:
         self._first: dict[str, tuple[UInt8, Bool]] = {}
 
     def memory(self) -> dict[str, tuple[UInt8, Bool]]:
-        """Return the state for `recall`: the object's own, not a copy."""
+        """Return the state for `recall`: first images and body positions, the object's own arrays, not copies."""
         return self._first
 
     def recall(self, memory: dict[str, tuple[UInt8, Bool]]) -> None:

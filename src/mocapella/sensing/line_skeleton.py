@@ -70,7 +70,7 @@ class LineSkeleton:
 
     Args:
         camera: name, size and lens of the depth camera.
-        settings: thresholds; the defaults if not given.
+        settings: thresholds; the defaults if None.
 
     Attributes:
         camera, settings: as given.

@@ -48,7 +48,7 @@ class HandJoints:
 
     Attributes:
         elbow, palm, wrist: (2,) x and y.
-        inside_px: radius of the largest circle about the palm within the outline; 0 if the palm is outside of it.
+        inside_px: radius of the largest circle about the palm within the outline [px]; 0 if the palm is outside of it.
         corners: (n, 2) Harris corners on the outline.
         hulls: (n, 2) int32 each; convex hulls that pass the area filter.
         outer: (n, 2) fingertips on the outline.

@@ -79,7 +79,7 @@ class Lines:
     Attributes:
         skeleton: the intermediate images of the line detection.
         segments: (n, 4) x and y of the first and of the last point [px], the longest first.
-        rotation_degrees: rotation of the ellipse fitted to the outline: 0 is upright, 90 level, below 90 leans right.
+        rotation_degrees: rotation of the outline's fitted ellipse: 0 upright, 90 level, below 90 leans right [deg].
     """
 
     skeleton: Skeleton

@@ -33,8 +33,8 @@ class LineSkeletonSettings:
         ridge_least: least ridge strength, 0 to 255, of a thin line, see
             `mocapella.sensing.line_skeleton_thinning.skeleton`; larger: fewer side branches [grey levels].
         hough_votes: least number of votes of a line in the probabilistic Hough transform; larger: fewer lines [votes].
-        hough_length_px: least length of such a line; larger: fewer lines [px].
-        hough_gap_px: largest gap between pixels of one such line; larger: fewer, longer lines [px].
+        hough_length_px: least length of a line in the Hough transform; larger: fewer lines [px].
+        hough_gap_px: largest gap between pixels of one line in the Hough transform; larger: fewer, longer lines [px].
         corner_part: least strength of a Harris corner, as a share of the strongest; larger: fewer corners that may be
             fingertips [0 to 1].
         least_hull_px2: least area of a convex hull; smaller ones are ignored [px²].

@@ -30,7 +30,7 @@ def _edge_on_ray(
     """Return the distance from (x, y) in direction (u, v) at which the marker ends [px]; NaN where no edge is seen.
 
     Args:
-        image, table, label, light, x, y: of `centre`.
+        image, table, label, light, x, y: as in `centre`.
         u, v: direction, of length 1.
         begin: distance of the first sample [px].
         line: (`SAMPLES`, 3) scratch.

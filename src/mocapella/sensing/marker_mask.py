@@ -50,10 +50,10 @@ def mask_image(image: UInt8, profile: ColourProfile, table: UInt8, frame: Marker
         image: (height, width, 3) uint8 blue, green, red.
         profile: the markers' colours.
         table: its look-up table (`mocapella.sensing.colour_table.lookup_table`).
-        frame: markers detected in the image.
+        frame: markers detected in the image; None for no crosses.
 
     Returns:
-        of the image's shape.
+        (height, width, 3) uint8 blue, green, red.
     """
     labels = labels_of(image, table)
     gray = (_DIMMED * cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)).astype(np.uint8)

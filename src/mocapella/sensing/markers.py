@@ -134,7 +134,7 @@ class MarkerDetector:
 
     Args:
         profile: the markers' colours in the images of this camera.
-        settings: parameters; the defaults if not given.
+        settings: parameters; the defaults if None.
         node_id: number of the node, which the frames carry.
 
     Attributes:

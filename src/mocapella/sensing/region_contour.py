@@ -139,9 +139,9 @@ def region_contour(
         image: (height, width) or (height, width, 3) uint8; only the prior's window is read. Beyond the image, and
             where it is ignored, the prior alone decides.
         prior: the model's contour.
-        start: the initial contour, such as that of the previous image; the prior's if not given.
-        ignore: (height, width) bool pixels without information.
-        background: a model that replaces the local density outside, wherever it is known.
+        start: the initial contour, such as that of the previous image; the prior's if None.
+        ignore: (height, width) bool, True for pixels without information; None for none.
+        background: a model that replaces the local density outside, wherever it is known; None for none.
         settings: weights and limits.
         energies: whether energies are computed, which takes longer and needs a background known everywhere or nowhere.
 
@@ -223,7 +223,7 @@ def read_band(
         image: (height, width) or (height, width, 3) uint8; only the prior's window is read.
         prior: the model's contour.
         start: the initial contour; the prior's if None.
-        ignore: (height, width) bool pixels without information.
+        ignore: (height, width) bool, True for pixels without information; None for none.
         settings: width of the band, size of the blocks, and median.
         guided: whether only samples within the band may change sides; otherwise all samples of the window may.
 

@@ -158,10 +158,10 @@ def _tent_row(smooth: UInt8, i: int, step: int, channels: int, small: Int16, lin
     Args:
         smooth: (2 step − 1, n) ring of image rows.
         i: row of samples.
-        step: [px].
-        channels: of a pixel.
+        step: distance between samples [px].
+        channels: number of channels of a pixel.
         small, line: (n,) scratch.
-        ready: (n,) out.
+        ready: (n,) written.
     """
     taps, inner, whole = 2 * step - 1, smooth.shape[1], step**4
     if step == 1:

@@ -67,7 +67,7 @@ def median_of_nine(image: UInt8, out: UInt8) -> None:
 
     Args:
         image: (height, width, channels) uint8.
-        out: of the same shape, written.
+        out: (height, width, channels) uint8, written.
     """
     height, n, c = image.shape[0], image.shape[1] * image.shape[2], image.shape[2]
     rows, written = image.reshape(height, n), out.reshape(height, n)

@@ -103,7 +103,7 @@ class TagDetector:
 
     Args:
         camera: its name, the sensor of the frames.
-        settings: wanted tags and precision; the defaults if not given.
+        settings: wanted tags and precision; the defaults if None.
         node_id: number of the node, which the frames carry.
 
     Attributes:

@@ -57,9 +57,9 @@ class Points(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         at_s: the instant, on the clock of the capture times [s].
         positions: (points, 3) [m]; NaN for an unknown point: not measured yet, or forgotten.
-        velocities: (points, 3) [m/s]; NaN likewise.
+        velocities: (points, 3) [m/s]; NaN where the position is.
         variances: (points, 3), the same for each coordinate of a point: variance of the position [m²], its covariance
-            with the velocity [m²/s], variance of the velocity [m²/s²]; NaN likewise.
+            with the velocity [m²/s], variance of the velocity [m²/s²]; NaN where the position is.
         seen_s: (points,) capture time of the point's last measurement [s]; −inf where never measured.
     """
 

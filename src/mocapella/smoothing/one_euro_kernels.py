@@ -156,7 +156,7 @@ def smooth_all(
         m: (n,) measured values.
         y: (n,) written: the new x.
         dt: time since the last measurement [s].
-        min_cutoff_hz, beta_per_m: of `one_euro.OneEuroSettings`.
+        min_cutoff_hz, beta_per_m: cutoff at rest [Hz], and its increase per speed [Hz/(m/s)].
         part: gain α of the velocity's low pass.
     """
     rate, turn = 1.0 / dt, 2.0 * math.pi * dt

@@ -63,7 +63,7 @@ def tune(
 
     Args:
         still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move; NaN: not seen.
-        fast: the same of markers in fast motion.
+        fast: times and points, as in ``still``, of markers in fast motion.
         jitter_goal: largest jitter, see `jitter`, in the unit of the points.
         lag_goal_s: largest lag, see `lag` [s].
         settings: the other settings, the defaults if None; their min_cutoff_hz and beta_per_m are replaced.

@@ -17,7 +17,7 @@ class DatagramSettings:
         cameras: name and UDP port of each camera; port 0 takes any free one.
         markers: names of the markers, in the order of the coordinate pairs in a datagram.
         size_px: (width, height) of the images.
-        host: address of this machine to listen at; 0.0.0.0 listens at all.
+        host: address of this machine to listen at; 0.0.0.0 listens at all its addresses.
         sd_px: standard deviation of a marker's coordinate; 0 if unknown [px].
         delay: time from the middle of an image's exposure to its datagram's arrival [s].
         zero_is_lost: whether ``0,0`` means a marker that is not detected.

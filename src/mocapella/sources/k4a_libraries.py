@@ -151,7 +151,7 @@ def load_libraries(folders: Iterable[Path] = ()) -> tuple[Any, Any]:
     """Load ``k4a`` and ``k4abt``, and declare the functions that are called.
 
     Args:
-        folders: as for `find_libraries`.
+        folders: folders to search first, as in `find_libraries`.
 
     Returns:
         The two libraries.

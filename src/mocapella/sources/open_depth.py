@@ -35,7 +35,7 @@ def open_depth(
 
     Args:
         text: the name, in one of the forms of `KINDS`.
-        options: the camera's parameters as the user gives them.
+        options: the camera's parameters as the user gives them; None if none is given.
         loop: whether recordings repeat.
         recorded: opens other recordings (takes) by their name; returns None if the name is not such a recording. It is
             asked before the name is taken for a file.

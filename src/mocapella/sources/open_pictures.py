@@ -33,7 +33,7 @@ def open_pictures(
 
     Args:
         text: the name, in one of the forms of `KINDS`.
-        wishes: requested camera settings; for videos and folders only the frame rate counts.
+        wishes: requested camera settings; for videos and folders only the frame rate counts; None for none.
         loop: whether videos and folders repeat.
         seed: random seed of a rendered scene.
         rate_option: the command's option for the frame rate, named in the note on a video that states none.

@@ -156,7 +156,7 @@ def frame_of(bodies: Bodies, time_ns: int, sequence: int, ids: Mapping[int, int]
         bodies: the skeletons.
         time_ns: capture time, on the sensor's own clock.
         sequence: number of the frame.
-        ids: mapping from old to new tracking ids; other ids are kept.
+        ids: mapping from old to new tracking ids; other ids, or all if None, are kept.
     """
     return body_frame(
         bodies.sensor,
@@ -207,7 +207,7 @@ def walking_arrivals(
         sensors: poses ``T_world_sensor`` (4, 4), by name; a sensor in front and one at the side if None. Their frames
             are evenly staggered.
         begin_s: true time of the first frame [s], rounded to 1/30 s; frames are numbered from ``30 * begin_s``.
-        noise, outliers: of `WalkerSensor`.
+        noise, outliers: fields of each `WalkerSensor`: standard deviation of a coordinate [m], and fraction of joints.
     """
     poses = {"front": FRONT, "side": SIDE} if sensors is None else sensors
     made = [

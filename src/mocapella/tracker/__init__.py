@@ -31,8 +31,9 @@ def make_tracker(
     Args:
         method: key of `METHODS`.
         sensors_expected: number of sensors to wait for before calibrating; more may join.
-        settings: the method's settings, by name, nested as in its settings class; the others have their defaults.
-        sensors: tilt and height by sensor name; they override those in the sensor's frames.
+        settings: the method's settings, by name, nested as in its settings class; the others, or all if None, have
+            their defaults.
+        sensors: tilt and height by sensor name, instead of those in the sensor's frames; None for no sensor.
 
     Raises:
         SettingsError: unknown method or setting, or a value out of range; names valid ones.

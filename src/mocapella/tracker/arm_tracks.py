@@ -55,8 +55,8 @@ class ArmTracksSettings:
             [s].
         velocity_s: time constant of the velocity filter of a hand as a rigid whole; larger: less jitter of extrapolated
             views, but more error when the hand turns back [s].
-        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand; larger: likewise
-            [s].
+        finger_velocity_s: time constant of the velocity filter of the joints relative to the hand; larger: less jitter,
+            but more error when fingers turn back [s].
         acceleration_m_s2: unknown acceleration a: the standard deviation of a view of age t grows by a · t² / 2;
             larger: older views count less [m/s²].
         shown_for_s: time for which an unseen arm is reported, as inferred [s].
@@ -99,7 +99,7 @@ class ArmView(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         arm: the arm as detected.
         at_s: capture time, on the common clock [s].
-        velocity: (23, 3) of the points in the order of `mocapella.model.arms.ARM_POINTS` [m/s].
+        velocity: (23, 3) velocity of the points in the order of `mocapella.model.arms.ARM_POINTS` [m/s].
     """
 
     arm: SeenArm
@@ -119,7 +119,7 @@ class ArmTrack:
         at_s: time of the fused values, on the same clock [s].
         points, velocity, states, sd: (23, 3) [m], (23, 3) [m/s], (23,) `JointState` and (23,) standard deviation of a
             coordinate [m], in the order of `mocapella.model.arms.ARM_POINTS`; NaN for an unknown point.
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad]; NaN where unknown.
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad]; NaN where unknown.
         T_world_palm: (4, 4) pose of the palm; None if unknown.
         gesture, gesture_sure: recognised gesture, and its confidence from 0 to 1.
         grabbing: whether the hand holds on to something.

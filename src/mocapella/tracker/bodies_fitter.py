@@ -75,7 +75,7 @@ class BodiesFitter:
         return [{name: fitter.memory() for name, fitter in self.fitters.items()}, self._followed]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same bodies, rig and settings."""
+        """Restore the state that `memory` returned for the same bodies, rig and settings."""
         fitters, self._followed = memory
         for name, fitter in self.fitters.items():
             fitter.recall(fitters[name])

@@ -115,7 +115,7 @@ class BodyFitter:
         return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same mesh, rig and settings."""
+        """Restore the state that `memory` returned for the same mesh, rig and settings."""
         (self._past, self._missed, self._as_expected), dead, surface, limbs, cameras = memory
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
@@ -193,7 +193,8 @@ class BodyFitter:
         Args:
             images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
             time_ns: capture time, on the common clock; after that of the last frame.
-            others: (height, width) masks, by camera: pixels of other people, which are no evidence for this body.
+            others: (height, width) masks, by camera: pixels of other people, if any, which are no evidence for
+                this body.
 
         Returns:
             The fitted body; if no image shows it, its pose is the predicted one, and ``seen`` is empty.

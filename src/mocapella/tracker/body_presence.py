@@ -76,7 +76,7 @@ class BodyPresence(msgspec.Struct, eq=False):
     def away(self, time_ns: int) -> bool:
         """Return whether the body is absent at a time on the common clock, because it has been unseen for too long.
 
-        A lost body is absent until it is seen again; another one after `LOST_AFTER_S`.
+        A lost body is absent until it is seen again, any other body once it has been unseen for `LOST_AFTER_S`.
         """
         return (self.lost and time_ns > self.seen_ns) or time_ns - self.seen_ns >= LOST_AFTER_S * NS_PER_S
 
@@ -109,7 +109,7 @@ class SilhouettePresence:
         return [self._bodies, self.empty.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same bodies and rig."""
+        """Restore the state that `memory` returned for the same bodies and rig."""
         self.reset()
         self._bodies, empty = memory
         self.empty.recall(empty)

@@ -216,7 +216,7 @@ class FrameSync:
         return [cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same cameras."""
+        """Restore the state that `memory` returned for the same cameras."""
         cameras, self._first_ns, self._now_ns, self._last_ns, self.used, self.dropped = memory
         for name, camera in self._cameras.items():
             camera.recall(cameras[name])

@@ -76,7 +76,7 @@ class LimbRecovery:
         return [chance, self._frame, self._asked, self._evidence]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same body."""
+        """Restore the state that `memory` returned for the same body."""
         chance, self._frame, self._asked, self._evidence = memory
         self._rng.bit_generator.state = json.loads(chance)
 

@@ -350,7 +350,7 @@ class RigidObjects:
         ]
 
     def recall(self, memory: list[Any]) -> None:
-        """Restore the state that `memory` returned; for the same objects."""
+        """Restore the state that `memory` returned for the same objects."""
         for item, (own, poses, grasp) in zip(self._items, memory, strict=True):
             set_memory(item, own)
             if item.poses is not None:

@@ -75,8 +75,8 @@ class PeopleSettings:
             view restarts at the person's position [m/s].
         sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
             views are turned in part; larger: uncertain facings are used, too [rad].
-        least_worth: weight of a view along the shoulders, relative to a frontal one; larger: such views count more [0
-            to 1].
+        least_worth: weight of a view along the shoulders, relative to a frontal one; larger: views along the shoulders
+            count more [0 to 1].
         swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
             joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
@@ -417,7 +417,7 @@ class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
     """A frame's bodies, each assigned to a person.
 
     Attributes:
-        sensor: name.
+        sensor: name of the sensor.
         rows: (bodies,) row of each body's person, each once.
         ids: (bodies,) tracking ids.
         at_s, positions, states, own_positions, bias, sensor_position, clipped: see

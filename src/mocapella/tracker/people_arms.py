@@ -39,7 +39,7 @@ class PeopleArmsSettings:
 
     Attributes:
         depth_of: name of the body sensor that a depth camera is a part of, by camera name; both have one pose.
-        rig: text of a camera rig file with one of these depth cameras and others beside it; empty for none.
+        rig: text of a camera rig file with one of the cameras of ``depth_of`` and others beside it; empty for none.
         tracks: tracking and fusion of arms.
         owners: assignment to people.
 
@@ -91,7 +91,7 @@ class PeopleArms:
         return [tracks, self._owners.limbs, self._newest]
 
     def recall(self, memory: Any) -> None:
-        """Restore the state that `memory` returned; with the same settings."""
+        """Restore the state that `memory` returned for the same settings."""
         tracks, self._owners.limbs, self._newest = memory
         set_memory(self._tracks, tracks)
 
@@ -131,7 +131,7 @@ class PeopleArms:
 
         Args:
             people: the tracked people.
-            topology: topology of the people's skeletons; without one the arms have no persons.
+            topology: topology of the people's skeletons; if None, the arms have no persons.
             now_s: the scene's time on the server's clock [s]; it never decreases, an earlier one counts as the last.
 
         Returns:

@@ -51,7 +51,7 @@ class PeopleBodiesSettings:
         alignment: estimation of the rig's pose in the world.
         take_m: largest mean distance between a body and a person for the body to be assigned, over the joints `LIMBS`
             that the body has and that are tracked in the person [m].
-        keep_m: largest such distance for a body to stay assigned; from ``take_m`` to 5 [m].
+        keep_m: largest mean distance, as ``take_m``, for a body to stay assigned; from ``take_m`` to 5 [m].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -105,7 +105,7 @@ class PeopleBodies:
         return [inner, self._alignment.memory(), {name: getattr(self, name) for name in _OWN}]
 
     def recall(self, memory: Any) -> None:
-        """Restore the state that `memory` returned; with the same settings."""
+        """Restore the state that `memory` returned for the same settings."""
         inner, alignment, own = memory
         if self._tracker is not None:
             self._tracker.restore(inner)

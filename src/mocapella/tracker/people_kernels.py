@@ -294,7 +294,7 @@ def views_in_use(
         layout: joints with a special role.
         up: (3,) unit vector upwards, in the space of the people.
         yaw: facing of the person [rad]; NaN where not known.
-        velocities: (joints, 3) of the person [m/s].
+        velocities: (joints, 3) velocities of the person [m/s].
         views: the newest views.
         used, corrected, variances, offsets: the first rows are written, one for each view in use: (sensors,) columns,
             (sensors, joints, 3) positions [m], (sensors, joints) variances [m²], and (sensors, joints, 3) offsets [m].
@@ -332,7 +332,7 @@ def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, vi
     Args:
         now_s: newest capture time so far, on the common clock [s].
         view_age_s: age of the oldest view in use [s].
-        positions: (people, joints, 3) predicted; NaN where not known.
+        positions: (people, joints, 3) predicted positions [m]; NaN where not known.
         states: (people, joints) `JointState`, updated.
         view_at: (people, sensors) capture times of the newest views [s].
     """
@@ -363,7 +363,7 @@ def pose_people(
     Args:
         rows: (bodies,) rows of the persons in the frame.
         model: the articulated body.
-        body: (people, …) its state for each person, updated.
+        body: (people, …) state of the body in a row for each person, updated.
         measured, measured_variances: (bodies, joints, 3), (bodies, joints) fused views [m], [m²].
         at_s: newest capture time so far, on the common clock [s].
         steady, doubts: (people, joints, 3), (people, joints) smoothed positions [m] and their variances [m²]; written

@@ -141,7 +141,7 @@ class FacingResults(NamedTuple):
         reported: (bodies,) yaw that the labels imply [rad].
         unlike: (bodies,) how unlike the training data the sensor's views have been lately, 0 to 1.
         toward: (bodies,) yaw from the person to the sensor [rad].
-        velocities: (bodies, 3) of the persons, in a space with y up [m/s].
+        velocities: (bodies, 3) velocities of the persons, in a space with y up [m/s].
     """
 
     bodies: Float64

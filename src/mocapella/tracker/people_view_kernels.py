@@ -43,7 +43,7 @@ def learn_noise(
         before, seen: (joints, 3) the sensor's previous and present view of the person [m].
         dt: time between them [s].
         states: (joints,) `JointState` of the present view; INFERRED counts like TRACKED.
-        velocities: (joints, 3) of the person [m/s].
+        velocities: (joints, 3) velocities of the person [m/s].
         memory_s: time constant of the learning [s].
         noise: (joints,) variance of a coordinate, updated; 0 before the first update [m²].
     """
@@ -79,7 +79,7 @@ def see(
     Args:
         frame: the bodies.
         fusion, parameters: the settings.
-        velocities: (people, joints, 3) of the people [m/s].
+        velocities: (people, joints, 3) velocities of the people [m/s].
         views: updated.
     """
     seen, seen_states, column = frame.positions, frame.states, frame.column
@@ -178,7 +178,7 @@ def to_level(
         sensor_position: (3,) in the space of the people [m].
         root: index of the root joint.
         rows: (bodies,) row of each body's person.
-        velocities: (people, joints, 3) of the people [m/s].
+        velocities: (people, joints, 3) velocities of the people [m/s].
 
     Returns:
         In the space with y up: the joints (bodies, joints, 3) [m], the yaw from each body to the sensor (bodies,)
@@ -220,7 +220,7 @@ def turn_views(
         column: column of the sensor.
         dts: (bodies,) time since each person's previous view [s].
         parameters: the settings.
-        lines: (lines, 2) see above.
+        lines: (lines, 2) indices of the left and the right joint of each line.
         facing: the facing filter's results for the frame.
         yaw: (people,) facing of all people [rad], updated.
         views: updated.

@@ -54,7 +54,7 @@ class RigCheck:
         return [self.said, self._moved.memory(), self._shares, self._compared]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same rig."""
+        """Restore the state that `memory` returned for the same rig."""
         self.said, moved, self._shares, self._compared = memory
         self._moved.recall(moved)
 

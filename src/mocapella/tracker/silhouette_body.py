@@ -74,6 +74,6 @@ class SilhouetteBody:
     def local(self, pose: TreePose) -> LocalTree:
         """Return the body's tree re-expressed about a pose, so that a fit that starts there meets no gimbal lock.
 
-        The ball joints' angles are 0 at ``pose``. Its methods `into` and `back` convert poses to this tree and back.
+        The ball joints' angles are 0 at ``pose``. The tree's `into` and `back` convert poses to it and back.
         """
         return local_tree(self.mesh.tree, self.balls, pose)

@@ -114,7 +114,7 @@ class SilhouetteCamera:
         return [self.step_px, background, self.usually.memory(), self.covers.memory()]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same ``step_px``, its first element."""
+        """Restore the state that `memory` returned for the same ``step_px``, its first element."""
         _, background, usually, covers = memory
         if self.background is not None:
             self.background.recall(background)
@@ -143,7 +143,7 @@ class SilhouetteCamera:
 
         Args:
             body: model whose outline is projected.
-            vertices: (n, 3) of its mesh in the world [m]; the same array object again costs nothing.
+            vertices: (n, 3) vertices of its mesh in the world [m]; the same array object again costs nothing.
             s: settings of the tracker.
         """
         if self._looked is not None and self._looked[0] is vertices and self._looked[1] == self._reach:

@@ -52,7 +52,7 @@ class EmptyRoomLearning:
         return [self._begin_ns, self._taken, self._moved, self.seen, self.done]
 
     def recall(self, memory: Sequence[Any]) -> None:
-        """Restore the state that `memory` returned; for the same duration."""
+        """Restore the state that `memory` returned for the same duration."""
         self._begin_ns, self._taken, self._moved, self.seen, self.done = memory
 
     @property

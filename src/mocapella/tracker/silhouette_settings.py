@@ -31,8 +31,8 @@ class Steadiness:
             jitter [m/s²].
         point_per_s: this times a point's speed is added to its standard deviation, in squares; larger: less lag in
             motion, more jitter [1/s].
-        point_per_past: this times a point's recent acceleration is added likewise; larger: less lag after sudden
-            motion, more jitter [ratio].
+        point_per_past: this times a point's recent acceleration is added to its standard deviation, in squares; larger:
+            less lag after sudden motion, more jitter [ratio].
         root_m_per_s2: standard deviation of the acceleration of the body's position; larger: less lag, more jitter
             [m/s²].
         root_rad_per_s2: standard deviation of the angular acceleration of the body's orientation; larger: less lag,

@@ -133,7 +133,7 @@ def check_joints(model: str, joints: Mapping[str, Float64], file: object = None)
     Args:
         model: name of the body model; any other than `MODELS` needs no joint.
         joints: position of each joint, by its name; only the names are checked.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: one is missing; lists those needed.
@@ -186,7 +186,7 @@ def body_again(model: str, height_m: float | None, proportions: Mapping[str, flo
 
     Args:
         model: one of `MODELS`.
-        height_m: subject height, if given [m].
+        height_m: subject height; None if not given [m].
         proportions: lengths of segments [m], by name.
 
     Raises:

@@ -51,7 +51,7 @@ class SurfacePrior:
         return {name: getattr(self, name) for name in _MEMORY}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state that `memory` returned; for the same body."""
+        """Restore the state that `memory` returned for the same body."""
         set_memory(self, memory)
 
     def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:

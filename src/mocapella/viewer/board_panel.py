@@ -202,7 +202,7 @@ class BoardPlace:
         """Show the progress of the calibration; create the panel first, once a sensor of the session has images.
 
         Args:
-            status: status of the session, with its sensors.
+            status: status of the session, with its sensors; None if no server gives one.
             progress: progress of the calibration; None if the server cannot calibrate, which changes nothing.
         """
         if progress is None:

@@ -52,11 +52,17 @@ class CameraAnswer(Protocol):
 
     @property
     def report(self) -> dict[str, Any] | None:
-        """Report of the node: counts, ``problems`` as sentences, and whether the marker colours are ``unsaved``."""
+        """Report of the node: counts, ``problems`` as sentences, and whether marker colours are ``unsaved``.
+
+        None in the answer to another request.
+        """
 
     @property
     def separability(self) -> dict[str, Any] | None:
-        """Result of learning marker colours: ``kept``, the recognised share of each colour's pixels; ``problems``."""
+        """Result of learning marker colours: ``kept``, the recognised share of each colour's pixels; ``problems``.
+
+        None in the answer to another request.
+        """
 
 
 Ask = Callable[[str, dict[str, Any], float], CameraAnswer]

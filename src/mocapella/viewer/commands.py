@@ -44,7 +44,7 @@ class Commander:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="view-command")
 
     def send(self, verb: str, arguments: dict[str, Any], client: viser.ClientHandle) -> None:
-        """Queue a command; the server's reply is later shown in the browser. Does not block.
+        """Queue a command without blocking, unless it is dropped (see `Commander`); the browser shows the reply later.
 
         Args:
             verb: the command, such as ``finish-calibration``.

@@ -62,7 +62,7 @@ def progress_percent(status: SessionStatus | None) -> float | None:
 
 
 def perspectives(status: SessionStatus | None, sensors: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the perspectives that a browser offers: `FREE`, and every sensor of the status or of ``sensors``."""
+    """Return the perspectives that a browser offers: `FREE`, then each sensor of the status or ``sensors``, sorted."""
     known = {sensor.name for sensor in status.sensors} if status else set()
     return (FREE, *sorted(known | set(sensors)))
 

@@ -56,7 +56,7 @@ def deviations(outline_px: Float32, contour_px: Float32) -> tuple[Float32, Float
 
     Args:
         outline_px: (n, 2) outline of the model, x and y [px], closed lines with rows of NaN between.
-        contour_px: (m, 2) contour of the image's silhouette [px], likewise.
+        contour_px: (m, 2) contour of the image's silhouette [px], in the same form.
 
     Returns:
         Segments (a, 2, 2) of the contour outside the model, and (b, 2, 2) inside it, start and end points [px]. Without

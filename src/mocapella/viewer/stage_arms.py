@@ -100,7 +100,7 @@ class ArmsShown:
 
     Attributes:
         centre: (3,) point of the world that is drawn at the centre of each view [m].
-        quality: metrics of the joints' noise and of misdetections.
+        quality: metrics of the joints' noise and of misdetections; None if not measured.
         cloth: (rows, columns, 3) points of a simulated cloth in the world [m]; None without a cloth.
     """
 
@@ -112,12 +112,12 @@ class ArmsShown:
 def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 | None:
     """Return the world point (3,) to show at the centre of each view [m].
 
-    It stays while the palms are near, and follows slowly if they move away. Without a visible palm, it is ``before``:
-    None if there was none yet.
+    It stays while the palms are near, and follows slowly if they move away. It begins 2 cm below their
+    mean. Without a visible palm, it is ``before``.
 
     Args:
         arms: arms of the newest scene.
-        before: (3,) previous result; None at first.
+        before: (3,) previous result, world [m]; None at first.
     """
     palms = np.array([arm.points[PALM] for arm in arms]).reshape(-1, 3)
     palms = palms[np.isfinite(palms).all(axis=-1)]

@@ -111,7 +111,7 @@ class Trails:
             seconds: duration of the trails, above 0 [s].
             T_stage: function of a person that returns the transform (4, 4) from the world to the stage [m]; None for a
                 person without one, who gets no trail.
-            until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.
+            until_s: end of the trails, on the scenes' common clock [s]; infinite for the newest sample.
 
         Returns:
             End points (n, 2, 3) on the stage [m], and their colours (n, 2, 3), red, green and blue, 0 to 255.
@@ -146,7 +146,7 @@ def trail_lines(
         trails: recorded positions.
         shown: the user's choice of body parts and duration.
         room: viewpoint of the drawing.
-        until_s: end of the trails, on the scenes' common clock [s]; by default the newest sample.
+        until_s: end of the trails, on the scenes' common clock [s]; infinite for the newest sample.
     """
 
     def to_stage(person: Person) -> Float64 | None:

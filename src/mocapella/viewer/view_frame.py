@@ -79,7 +79,7 @@ class Drawings:
         return self._once(("boards", id(moment)), moment, lambda: self._make_boards(moment))
 
     def cameras(self, scene: Scene | None) -> tuple[str, ...]:
-        """Return the names of the cameras whose images a scene's parts draw lines over, in the order of the panels."""
+        """Return the cameras whose images a scene's parts draw lines over, in the panels' order; none if it is None."""
         return tuple(self._image_lines(scene))
 
     def _make_boards(self, moment: Moment) -> Boards:

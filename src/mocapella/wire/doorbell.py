@@ -40,7 +40,7 @@ class Ring(msgspec.Struct, frozen=True):
     """Datagram of a program that TLS does not admit, as JSON: it asks the server for the reason.
 
     Attributes:
-        session, fingerprint, user: of the program's key: its session's name and authority (`fingerprint`), its user.
+        session, fingerprint, user: name and authority (`fingerprint`) of the session of the program's key; its user.
         sensor: name of the sensor, if the program is a node; else empty.
         machine: name of the program's machine.
     """

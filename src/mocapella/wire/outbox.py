@@ -184,8 +184,8 @@ class Outbox:
 
         Args:
             request: has the numbers, in ``wanted``.
-            gone: is filled with the reason for each range (first, last) of frames that the store has failed to read
-                for at least `READ_FOR_S` at the time of the last `update`.
+            gone: filled with the reason for each range (first, last) of frames that the store has failed to read for
+                at least `READ_FOR_S` at the time of the last `update`; None drops the reasons.
         """
         count = size = 0
         for first, last in request.wanted:

@@ -99,7 +99,8 @@ Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave |
 
 
 class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The answer of a camera's node to a query; which fields are set depends on the query.
+    """The answer of a camera's node to a query; the query decides which fields are set; the others are empty,
+    0 or None.
 
     Attributes:
         ok: whether the query was carried out.

@@ -142,7 +142,7 @@ def send_command(
     Args:
         session: open session of a reader (`mocapella.wire.session.open_reader`).
         verb: the command, such as ``recalibrate``.
-        arguments: the command's arguments by name.
+        arguments: the command's arguments by name; None for none.
         timeout: longest wait for the reply [s].
         program: name of the sender; a take stores it with the names of the account and the machine.
 

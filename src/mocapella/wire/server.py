@@ -124,14 +124,14 @@ class ServerLink:
         Args:
             on_frame: called for each live frame, with its node, its encoded bytes, and its arrival on the server's
                 monotonic clock [ns].
-            on_truth: called likewise for each ground truth of a simulated frame.
+            on_truth: called with the same three for each ground truth of a simulated frame.
             on_alive: called with a node, and True when it connects, False when it disconnects; with True also for each
                 node that is connected already.
             on_command: called for each command, with its verb, its arguments by name, and the function that sends the
                 reply.
             on_join: called for each node that asks to serve its sensor, with the node, the arguments of its query by
                 name, and the function that sends the reply.
-            on_leave: called likewise for each node that is about to leave.
+            on_leave: called for each node that is about to leave, with the same three.
         """
         session, liveliness = self._session, self._session.liveliness()
         self._serving = [

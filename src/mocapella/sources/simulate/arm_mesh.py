@@ -130,7 +130,7 @@ class ArmMeshPose(msgspec.Struct, frozen=True, eq=False):
     """Pose of an arm.
 
     Attributes:
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad].
         joints: (4,) flexion of the elbow; pronation of the forearm, 0 with the thumb on the upper arm's side of a bent
             elbow, π/2 with the palm facing away from the upper arm; flexion of the wrist towards the palm; deviation of
             the wrist towards the thumb [rad].

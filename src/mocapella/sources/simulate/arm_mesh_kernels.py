@@ -60,7 +60,7 @@ def arm_frames(
         bases, lengths: (5, 3) of `HandShape` [m].
         upper_m, forearm_m: lengths of the upper arm and the forearm [m].
         joints: (4,) elbow flexion, pronation, wrist flexion, wrist deviation [rad].
-        angles: (21,) of the hand, in the order of `mocapella.model.hand.ANGLES` [rad].
+        angles: (21,) angles of the hand, in the order of `mocapella.model.hand.ANGLES` [rad].
         bones: (19, 3, 4) ``T_shoulder_bone``, written: upper arm, forearm at the elbow, forearm at the wrist, palm,
             then three of each digit. A bone's origin is its first joint; that of the forearm's second part is the
             wrist.

@@ -315,7 +315,7 @@ def untangled(
         wished: (21,) wished angles, in the order of `mocapella.model.hand.ANGLES` [rad].
         start: (21,) start of the search [rad]; None for the wished angles.
         touch: (n, 3) indices of two digits that must touch, and a weight from 0 to 1. The thumb (0) is first and
-            touches with its tip; two fingers touch with their sides.
+            touches with its tip; two fingers touch with their sides. None for no touch.
         flesh: radii of the capsules: of the digits (5, 4), and half the palm's thickness [m]; None for the mesh's own.
     """
     radii, palm_m = flesh or _flesh(mesh)
@@ -355,8 +355,8 @@ def held_at(mesh: ArmMesh, joints: Float64, R_camera_palm: Float64, at: Float64,
 
     Args:
         mesh: the arm.
-        joints: (4,) of `ArmMeshPose` [rad].
-        R_camera_palm: (3, 3) orientation of the palm.
+        joints: (4,) angles of `ArmMeshPose` [rad].
+        R_camera_palm: (3, 3) orientation of the palm in the camera frame.
         at: (3,) position of the point in the camera frame [m].
         which: index of the point in `mocapella.model.arms.ARM_POINTS`.
     """

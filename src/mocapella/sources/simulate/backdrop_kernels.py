@@ -239,7 +239,7 @@ def passes(o: Float64, d: Float64, box: Float64) -> bool:
 
     Args:
         o, d: (3,) origin [m] and direction of the ray; ``d`` has any length.
-        box: (8,), see the module.
+        box: (8,) centre (3) and half edges (3) [m], cosine and sine of the rotation about y.
     """
     x, y, z = box[0] - o[0], box[1] - o[1], box[2] - o[2]
     along, size = x * d[0] + y * d[1] + z * d[2], d[0] * d[0] + d[1] * d[1] + d[2] * d[2]

@@ -81,7 +81,7 @@ def joint_positions(root: Float64, directions: Float64, lengths: Float64) -> Flo
     Args:
         root: (..., 3) position of the root joint [m].
         directions: (..., 25, 3) unit vector along the bone that ends at each joint.
-        lengths: (..., 25) of the bones [m].
+        lengths: (..., 25) lengths of the bones [m].
     """
     return root[..., None, :] + body_template().chain @ (directions * lengths[..., None])
 

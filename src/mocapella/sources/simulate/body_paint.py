@@ -93,8 +93,8 @@ class LitBodies:
 
     Attributes:
         cast: the bodies.
-        vertices: (n, 3) in the world frame, y up, the floor at 0 [m].
-        normals: (n, 3) of the vertices, outwards.
+        vertices: (n, 3) vertices in the world frame, y up, the floor at 0 [m].
+        normals: (n, 3) unit normals of the vertices, outwards.
         light: the light in the room.
         tops: (k, l) shadow map: height plus 1 m of the first surface that the light hits on its way to each cell of the
             floor, in z and x; 0 without a surface [m].
@@ -146,7 +146,7 @@ def stand(cast: Cast, vertices: Float64, light: Light) -> LitBodies:
 
     Args:
         cast: the bodies.
-        vertices: (n, 3) of all of them, posed, in the world frame with the floor at y = 0 [m]; kept, not copied.
+        vertices: (n, 3) all their vertices, posed, in the world frame with the floor at y = 0 [m]; kept, not copied.
         light: the light in the room.
     """
     from scipy.ndimage import gaussian_filter

@@ -38,7 +38,7 @@ def body_motion_of(
         mesh: the body, made by `body_meshes.body_mesh`.
         seconds: duration [s]; None for all until the file's end.
         start_s: time in the file at which the motion starts [s].
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: joints are missing, or the legs have no length.
@@ -64,7 +64,7 @@ def body_angles(bvh: Bvh, mesh: RiggedMesh, file: object = None) -> tuple[Float6
     Args:
         bvh: content of the file.
         mesh: the body, made by `body_meshes.body_mesh`.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Returns:
         Joint angles (frames, joints) in the order of ``mesh.joint_names``, within the joint limits [rad]; yaw, pitch

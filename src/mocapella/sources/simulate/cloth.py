@@ -141,7 +141,7 @@ class Cloth:
         settings: as given.
         shape: (rows, columns) numbers of particles, from the upper edge down.
         positions: (rows · columns, 3) of the particles in the world [m].
-        velocities: (rows · columns, 3) of the particles in the world [m/s].
+        velocities: (rows · columns, 3) velocities of the particles in the world [m/s].
         pinned: (rows · columns,) whether a particle never moves.
         pairs, rest: (k, 2) indices of the particles that a constraint connects, and (k,) their distance at rest [m].
     """

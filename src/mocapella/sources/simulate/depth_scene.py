@@ -77,7 +77,8 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lens: fx, fy, cx, cy [px].
         unit_m: length of a unit of the image [m].
         distance_m: least and greatest distance of the hands in scenes [m].
-        structured_light, time_of_flight: noise model of the camera; at most one of them, neither for a perfect camera.
+        structured_light, time_of_flight: noise model of the camera, at most one of them; a perfect
+            camera has neither.
     """
 
     size_px: tuple[int, int]
@@ -126,10 +127,10 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         left: whether it is a left arm.
-        points: (23, 3) of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius beyond its
-            landmark, see `mocapella.model.hand_flesh`.
+        points: (23, 3) positions of `mocapella.model.arms.ARM_POINTS` [m]. A fingertip's flesh ends 0.6 of its radius
+            beyond its landmark, see `mocapella.model.hand_flesh`.
         shoulder: (3,) position of the shoulder, which is none of ``points`` [m].
-        angles: (21,) of `mocapella.model.hand.ANGLES` [rad].
+        angles: (21,) angles in the order of `mocapella.model.hand.ANGLES` [rad].
         T_camera_palm: (4, 4) pose of the palm's frame, see `mocapella.model.hand`.
         seen: (23,) whether a landmark is measurable in the image *before noise*. A fingertip is if its patch (the
             surface of its last bone from 8 mm before the landmark to the end) has at least 6 pixels in the image, or at
@@ -304,12 +305,12 @@ class DepthScene:
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)
 
     def frames(self, fps: float, start_s: float = 0.0, end_s: float | None = None) -> Iterator[DepthShot]:
-        """Render a sequence of images; without an end, one `period_s`.
+        """Render a sequence of images.
 
         Args:
             fps: frame rate [Hz].
             start_s: time of the first image [s].
-            end_s: time before which the sequence ends [s].
+            end_s: time before which the sequence ends; None for one `period_s` [s].
         """
         end = start_s + self.period_s if end_s is None else end_s
         for i in range(math.ceil((end - start_s) * fps - 1e-9)):

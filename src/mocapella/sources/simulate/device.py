@@ -66,7 +66,7 @@ class SensorSettings:
         clock_offset_s: time on the sensor's clock at room time 0 [s].
         clock_drift_ppm: drift of the sensor's clock relative to room time [ppm].
         latency_s: delay from the capture of a frame to its arrival at the node [s].
-        latency_jitter_s: standard deviation of the latency, cut at three of them [s].
+        latency_jitter_s: standard deviation of the latency, cut at three standard deviations [s].
         lost: fraction of frames that are lost, 0 to 1.
         max_bodies: number of people tracked at once; a Kinect v2 tracks 6.
         forget_s: how long a hidden joint is inferred before it counts as not tracked [s].

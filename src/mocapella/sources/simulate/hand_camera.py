@@ -74,7 +74,7 @@ class SimulatedHandCamera:
         """Yield frames from ``start_s`` until before ``stop_s`` of the scene's time, at the camera's rate and phase.
 
         Args:
-            start_s, stop_s: times on the scene's clock [s]; without ``stop_s``, it does not end.
+            start_s, stop_s: times on the scene's clock [s]; if ``stop_s`` is None, it does not end.
             now_s: function that returns the present time on the scene's clock [s]. Overdue frames are skipped, as by a
                 camera whose reader is late; None skips no frame.
         """

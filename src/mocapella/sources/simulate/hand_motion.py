@@ -34,7 +34,7 @@ class HandMotionSettings:
         turn_deg: amplitude of the rotation about the world's x, y and z, from upright [deg].
         posture_s: time from one posture to the next [s].
         bend: range of the flexions, from 0 (a hand at rest) to 1 (all within the joint limits).
-        spread: range of the abductions, likewise from 0 to 1.
+        spread: range of the abductions, from 0 (a hand at rest) to 1 (all within the joint limits).
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.

@@ -123,7 +123,7 @@ def make_outfit(name: str | None = None, seed: int = 0, colours: tuple[Colour, C
     Args:
         name: one of `outfit_names`; None for a random one, but never `BACKGROUND`.
         seed: random seed.
-        colours: reflectances of the room's wall and floor, for `BACKGROUND`.
+        colours: reflectances of the room's wall and floor, for `BACKGROUND`; None for other outfits.
 
     Raises:
         SettingsError: unknown outfit, or the room's colours are missing.

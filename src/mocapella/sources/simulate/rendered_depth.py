@@ -115,7 +115,7 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
     Args:
         which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR; the seed is 0 and the sensor a Kinect if not given.
         name: name of the source, as the user wrote it.
-        options: the user's parameters of the camera.
+        options: the user's parameters of the camera; None if none is given.
 
     Raises:
         SettingsError: unknown scene or sensor, or the seed is not a number.

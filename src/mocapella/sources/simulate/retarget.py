@@ -51,10 +51,10 @@ def bvh_motion(
     Args:
         bvh: content of the file.
         start: position of the first pose (world x, z) [m].
-        stature: height of the person [m]; the file is scaled to it, unless ``metres_per_unit`` is given.
+        stature: height of the person [m]; the file is scaled to it if ``metres_per_unit`` is None.
         rng: as in `mocapella.sources.simulate.gait.animate`.
         metres_per_unit: the file's unit [m], such as 0.01 for centimetres; the stature then follows from the file.
-        file: named in errors, if given.
+        file: named in errors; None leaves it out.
 
     Raises:
         InputError: joints are missing, or the legs have no length.

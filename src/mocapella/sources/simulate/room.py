@@ -32,12 +32,12 @@ class PersonSettings:
     Attributes:
         start: initial position (world x, z) [m].
         scenario: one of `mocapella.sources.simulate.scenarios.scenario_names`, or ``route``.
-        target: position that the scenario refers to (world x, z): an obstacle's centre, or the other person's position
-            [m].
+        target: position that the scenario refers to (world x, z): an obstacle's centre, or the other person's position;
+            None for other scenarios [m].
         first: whether this person moves first, if two take turns.
         route: steps of the scenario ``route``, see `mocapella.sources.simulate.scenarios.written_route`.
         stature: height of the person [m].
-        bvh: path of a BVH file whose motion replaces the scenario.
+        bvh: path of a BVH file whose motion replaces the scenario; None for none.
         bvh_metres_per_unit: unit of the BVH file [m]; None scales its motion to the stature.
 
     Raises:

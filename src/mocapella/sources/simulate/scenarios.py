@@ -51,7 +51,7 @@ def plan(scenario: str, start: Point, target: Point | None = None, *, first: boo
     Args:
         scenario: one of `scenario_names`.
         start: initial position (world x, z) [m].
-        target: centre of the obstacle, or position of the other person (world x, z) [m].
+        target: centre of the obstacle, or position of the other person (world x, z) [m]; None for other scenarios.
         first: whether this person moves first, if two people take turns.
 
     Raises:

@@ -61,7 +61,7 @@ def load_scene(
         name: one of `scene_names`.
         seed: the same seed gives the same frames to the bit.
         topology: name of the topology of the frames, such as ``kinect_v1``.
-        bvh: a BVH file whose motion replaces one person's scenario.
+        bvh: a BVH file whose motion replaces one person's scenario; None for none.
         bvh_person: number of that person, from 1.
         bvh_metres_per_unit: the file's unit [m]; None scales its motion to the person's stature.
 

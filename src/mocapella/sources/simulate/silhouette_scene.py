@@ -226,9 +226,9 @@ def silhouette_scene(
         outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
         sex, height_m: sex and height [m] of the first person; None for random ones. Random heights are 1.5 to 1.98 m.
-        look: exposure and noise of the cameras.
+        look: exposure and noise of the cameras; None for the defaults.
         corruption: corruption of the images; None for none.
-        bvh: a file whose motion replaces the motion ``walk``.
+        bvh: a BVH file whose motion replaces the motion ``walk``; None for none.
 
     Raises:
         SettingsError: unknown motion or outfit, or a number out of range; states what would work.
