@@ -44,7 +44,8 @@ THENAR, CORE, GROUPS = 5, 6, 7
 """Groups of limbs after the five digits: thenar (moves with the thumb), and the rest; number of all groups."""
 WITHIN_M: Final = (0.003, 0.002, 0.002, 0.002, 0.002, 0.008, 0.010)
 BETWEEN_M: Final = 0.006
-"""Blending radii between limbs of a group, and between groups, for any size of hand [m]."""
+"""Blending radii between limbs of a group, and between groups [m]; `mocapella.model.hand_mesh` scales them up for hands
+of more than average length."""
 
 
 def finger_radii(hand_length_m: float, thickness: float = 1.0) -> Float64:

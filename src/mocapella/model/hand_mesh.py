@@ -70,8 +70,9 @@ def hand_mesh(shape: HandShape, thickness: float = 1.0, detail: float = 1.0) -> 
     for (z0, x0, r0), (z1, x1, r1) in pairwise(_STUB):
         rows += [[*np.multiply(big, [side * x0, 0, z0, side * x1, 0, z1, r0, r1]), CORE] for side in (-1.0, 1.0)]
     limbs = np.array(sorted(rows, key=lambda row: row[8]))
-    within = np.array(WITHIN_M)
-    vertices, faces = polygonise(limbs, within, BETWEEN_M, _grid(limbs, 0.0034 * big / detail))
+    blend = max(1.0, big)  # limbs of a large hand are farther apart: there would be holes between its knuckles
+    within = blend * np.array(WITHIN_M)
+    vertices, faces = polygonise(limbs, within, blend * BETWEEN_M, _grid(limbs, 0.0034 * big / detail))
     distance = group_distances(limbs, within, vertices)
     moved_by, shares = strongest(hand_weights(vertices, distance, bones, hand_length_m=length))
     twists, joint_parts, limits, names = _joints(bones)
