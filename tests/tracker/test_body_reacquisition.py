@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
@@ -35,11 +35,13 @@ def missed_m(found, true):
 
 @settings(max_examples=25, deadline=None)
 @given(x=st.floats(-0.9, 0.9), z=st.floats(-0.9, 0.9), turned=st.floats(-0.35, 0.35))
+@example(x=0.025, z=0.25, turned=-0.25)  # was found turned round
+@example(x=0.1, z=0.25, turned=-0.25)
 def test_who_stands_elsewhere_is_found_there(x, z, turned):
     true = standing(x, z, turned)
     found = reacquire(silhouettes_of(MESH, RIG, true), BODY, [BEFORE], EYES)
     assert found is not None
-    assert np.median(missed_m(found, true)) < 0.15
+    assert np.median(missed_m(found, true)) < 0.1
     # About the body's axis a turn hardly shows; along it and across it does.
     middles = (landmarks_at(MESH, one).mean(axis=0) for one in (found, true))
     assert np.linalg.norm(np.subtract(*middles)) < 0.08

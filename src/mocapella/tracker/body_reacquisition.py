@@ -34,8 +34,8 @@ COVERED: Final = 0.45
 """Least overlap of body and foreground, as a mean over cameras; below, the object is something else."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """Rotations that are tried, about the body's own axis, relative to its last orientation."""
-STEPS_M: Final = (0.2, 0.1, 0.05)
-"""Step sizes of the search for the position [m]."""
+STEPS: Final = ((0.2, 0.3), (0.1, 0.15), (0.05, 0.08))
+"""Step sizes of the search for the position [m], and for the rotation about the body's own axis [rad]."""
 BETTER_TURNED: Final = 0.02
 """Gain in overlap that a rotation needs, because front and back views of bodies hardly differ."""
 
@@ -64,9 +64,7 @@ def reacquire(
     shown = [(eyes[name], masks[name]) for name in names]
     for one in before:
         pose, most = _nearer(body, _moved(one, point - body.standing(one).vertices.mean(axis=0)), shown)
-        turned = [
-            TreePose(pose.T_world_model @ rigid(rotation_about_y(by), np.zeros(3)), pose.angles) for by in TURNS_RAD
-        ]
+        turned = [_turned(pose, by) for by in TURNS_RAD]
         values = [_covers(body, other, shown) for other in turned]
         if max(values) > most + BETTER_TURNED:
             pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
@@ -76,11 +74,11 @@ def reacquire(
 
 
 def _nearer(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> tuple[TreePose, float]:
-    """Return the pose moved to its largest overlap, and that overlap."""
+    """Return the pose moved and turned to its largest overlap, and that overlap."""
     most = _covers(body, pose, shown)
-    for step_m in STEPS_M:
-        for way in (*np.eye(3), *-np.eye(3)):
-            tried = _moved(pose, step_m * way)
+    for step_m, step_rad in STEPS:
+        for change in (*np.eye(4), *-np.eye(4)):
+            tried = _turned(_moved(pose, step_m * change[:3]), step_rad * change[3])
             if (value := _covers(body, tried, shown)) > most:
                 pose, most = tried, value
     return pose, most
@@ -99,6 +97,10 @@ def _moved(pose: TreePose, by_m: Float64) -> TreePose:
     T = pose.T_world_model.copy()
     T[:3, 3] += by_m
     return TreePose(T, pose.angles)
+
+
+def _turned(pose: TreePose, by_rad: float) -> TreePose:
+    return TreePose(pose.T_world_model @ rigid(rotation_about_y(by_rad), np.zeros(3)), pose.angles)
 
 
 def _met(lines: Mapping[str, Float64]) -> tuple[Float64, Sequence[str]] | None:
