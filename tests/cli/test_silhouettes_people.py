@@ -117,13 +117,19 @@ def test_a_start_can_be_a_file_for_each_and_heights_are_of_one_or_of_all(folder)
     assert "anna" in done.stdout
 
 
-def test_keypoints_are_named_by_person(folder):
+@pytest.fixture(scope="module")
+def keypoints(folder):
+    """Files of keypoints in the folder, one for each person."""
     for k, name in enumerate(NAMES):
         rows = ["frame,camera,point,x_px,y_px"]
         for camera, placed in SCENE.rig.cameras.items():
             seen = project(apply(placed.T_camera_world, np.array([*joints_of(k).values()])), placed.camera.lens)
             rows += [f"0,{camera},{joint},{x},{y}" for joint, (x, y) in zip(joints_of(k), seen, strict=True)]
         (folder / f"{name}.csv").write_text("\n".join(rows))
+
+
+@pytest.mark.usefixtures("keypoints")
+def test_keypoints_are_named_by_person(folder):
     points = [word for name in NAMES for word in ("--set", f"points={name}={name}.csv")]
     done = run_here(folder, "track", "silhouettes", *FILMS, *points, "--frames", "0:1", "--json", "points.json")
     assert done.returncode == 0, done.stderr
@@ -132,6 +138,7 @@ def test_keypoints_are_named_by_person(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("keypoints")
 def test_people_who_cannot_be_are_one_line(folder, found):
     def start(name, value):
         (folder / name).write_text(json.dumps(value))
