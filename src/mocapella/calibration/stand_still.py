@@ -114,11 +114,11 @@ class StandStill:
         return bool(known) and any(key not in known and key not in self._unplaced for key in bodies.keys)
 
     def rename(self, sensor: str, new_ids: Mapping[int, int]) -> None:
-        """Replace tracking ids of a sensor in the result, so that a body whose id changed does not cause a restart.
+        """Replace tracking ids in a sensor's transforms, so that a body with a new id does not restart the calibration.
 
         Args:
             sensor: name of the sensor.
-            new_ids: new id of the same body, by old id; ids without a transform are ignored.
+            new_ids: new id of the same body, by old id; ids that have no transform (yet) are ignored.
         """
         renamed = {old: new for old, new in new_ids.items() if (sensor, old) in self._T_world_sensor}
         kept = {key: T for key, T in self._T_world_sensor.items() if key[0] != sensor or key[1] not in renamed}

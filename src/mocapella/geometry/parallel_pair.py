@@ -32,7 +32,7 @@ class ParallelPair:
         view_angle_rad: horizontal field of view [rad].
 
     Raises:
-        SettingsError: a value of 0 or less, an angle of π or more, or an impossible size.
+        SettingsError: a value is 0 or less, or far too large, or the angle is π or more.
     """
 
     baseline_m: float
@@ -46,7 +46,7 @@ class ParallelPair:
 
     @property
     def focal_px(self) -> float:
-        """Focal length x₀ / (2·tan(φ₀/2)) [px]."""
+        """Focal length [px], which is ``width_px`` / (2·tan(``view_angle_rad``/2))."""
         return self.width_px / (2.0 * math.tan(self.view_angle_rad / 2.0))
 
     def depth(self, disparity_px: Any) -> Float64:

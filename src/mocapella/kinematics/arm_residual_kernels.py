@@ -260,12 +260,12 @@ def compare(
         X, Y, Z: centre of the sphere, camera frame [m].
         r: its radius [m].
         parameters: scales and allowances.
-        out: (5,) written: distance beyond the silhouette [m], 0 within it; its unit direction in the image (2),
-            outwards from the edge; distance in front of the measured surface [m]; the larger robust cost of both, 0 to
-            1.
+        out: (5,) written unless -1 is returned, 0 where there is no residual: distance of the sphere's surface beyond
+            the silhouette [m]; its unit direction in the image (2), outwards; distance of its surface in front of the
+            measured one, less the allowance [m]; the larger robust cost of both, 0 to 1.
 
     Returns:
-        -1 outside of the image or nearer than 5 cm, 0 where another object occludes it, else 1.
+        -1 if the centre is outside of the image or less than 5 cm deep, 0 where another object occludes it, else 1.
     """
     front, lens = image.front, image.lens
     if Z < 0.05:

@@ -51,7 +51,7 @@ class _Corners(msgspec.Struct, frozen=True):
 
 
 class NodeCameras:
-    """Running camera nodes, all queried at the same time for the board in their newest image.
+    """Cameras of running nodes for a board calibration; `look` queries all nodes at once for the board.
 
     Args:
         ask: sends a query to a camera's node and returns the answer (`mocapella.wire.questions.ask_node`); called with

@@ -328,7 +328,14 @@ class ClosedTakes:
         self._lock = threading.Lock()
 
     def add(self, node: NodeKey, request: FrameRequest) -> None:
-        """Add the message to a node that its take is closed; of more than `MOST_UNTOLD`, the oldest is discarded."""
+        """Queue a message that tells a node that its take is closed; it replaces an earlier one about the same take.
+
+        Of more than `MOST_UNTOLD` messages to all nodes, the oldest is discarded: its node keeps its frames.
+
+        Args:
+            node: the node.
+            request: the message.
+        """
         with self._lock:
             self._untold[node, request.take] = request
             while len(self._untold) > MOST_UNTOLD:

@@ -38,7 +38,7 @@ def check_leap(sequence: int, last: int, since_s: float) -> None:
 
 
 class LeapGuard:
-    """Refuses frames whose sequence number leaps implausibly far (damaged, forged); keeps each node's highest one."""
+    """Refuses frames whose number is higher than the sensor can have counted (damaged, forged); see `check`."""
 
     def __init__(self) -> None:
         self._newest: dict[NodeKey, tuple[int, int]] = {}

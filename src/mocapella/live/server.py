@@ -86,14 +86,14 @@ class Server:
 
     Args:
         settings: settings of the server.
-        say: called with each notice, on a thread of its own.
+        say: called with the text of each notice, all on one thread of its own.
         link: a link that listens already, which the server closes; None opens one at ``settings.listen``.
-        failed: value of the attribute ``failed``, to be set also if another thread of the process dies.
+        failed: event for the attribute ``failed``, which other threads of the process may set, too; None makes one.
 
     Attributes:
         summary: statistics of the run.
-        failed: set when a thread has ended with an unexpected error; close the server then. From then on nothing but
-            the disk is waited for.
+        failed: event that is set when a thread has ended with an unexpected error; close the server then. `close`
+            waits for nothing but the disk from then on.
 
     Raises:
         AddressInUseError, BusError: it cannot listen at the address.

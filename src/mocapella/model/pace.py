@@ -65,6 +65,7 @@ class Pace:
     def silent(self, now_ns: int) -> bool:
         """Whether no frame has come for longer than `silent_after_s`; False before the first.
 
-        ``now_ns`` is the present time on the same clock [ns]. After `awake`, the silence counts from its time.
+        ``now_ns`` is the present time on the receiver's monotonic clock [ns]. After a call of `awake`, which ends a
+        suspension of the receiver, the silence counts from that call.
         """
         return self._since_ns is not None and now_ns - self._since_ns > self.silent_after_s * NS_PER_S

@@ -14,15 +14,16 @@ from mocapella.sources.picture_source import Picture, SourceState
 class PacedDepth:
     """A recording of depth images as an image source (`PictureSource`). Unreadable images are skipped.
 
-    Images are never dropped: if they are read too slowly, they come late. `open` begins from the first image again.
+    Images are never dropped: whoever reads too slowly gets them late, and one after the other until none is overdue.
+    `open` begins from the first image again, and `begin` sets the time at which that image is due.
 
     Args:
-        recording: the recording; its first image is due at `begin`.
+        recording: the recording.
         loop: whether it repeats.
         clock: the monotonic clock, in seconds.
 
     Attributes:
-        name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
+        name, live, times: the recording's name, whether a missing image means a lost camera, and the origin of the
             capture times in words.
         recording: as given.
         damaged: number of unreadable images since `open`.

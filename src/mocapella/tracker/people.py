@@ -67,16 +67,16 @@ class PeopleSettings:
         facing: estimation of people's facing, which repairs mirrored labels; None uses the labels on which the sensors
             agree.
         noise_gain: factor of a joint's learnt noise variance, which is added to its variance in a view; larger:
-            restless joints count less [ratio].
+            noisy joints count less [ratio].
         noise_memory_s: time constant of learning a joint's noise [s].
         turn_s: time constant of turning a view's shoulders and hips to the facing; larger: smoother, and later after a
             change [s].
         still_m_s: a person slower than this stands still: if the labels then change, the old ones were wrong, and the
-            view restarts at the person's position [m/s].
+            view's offset is learnt anew, so that it begins at the person's position [m/s].
         sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
             views are turned in part; larger: uncertain facings are used, too [rad].
-        least_worth: weight of a view along the shoulders, relative to a frontal one; larger: views along the shoulders
-            count more [0 to 1].
+        least_worth: weight of a view from the side, along the line of the shoulders, relative to a frontal one; larger:
+            views from the side count more [0 to 1].
         swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
             joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].

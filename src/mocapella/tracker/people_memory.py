@@ -112,10 +112,11 @@ class FrameViews(NamedTuple):
         rows: (bodies,) row of each body's person.
         column: column of the sensor.
         at_s: capture time on the common clock [s].
-        positions: (bodies, joints, 3) in the space of the people [m]; NaN where not tracked.
+        positions: (bodies, joints, 3) in the space of the people, the root sensor's camera space [m]; NaN where not
+            tracked.
         states: (bodies, joints) `JointState`.
-        own_positions: (bodies, joints, 3) the joints in the sensor's camera space, for the distance [m].
-        bias: (bodies, joints, 3) correction of the sensor's bias, to add to the positions [m].
+        own_positions: (bodies, joints, 3) the joints in the sensor's own camera space, which give their distance [m].
+        bias: (bodies, joints, 3) correction of the sensor's bias, to add to ``positions`` [m].
         sensor_position: (3,) position of the sensor in the space of the people [m].
         clipped: (bodies,) whether the body is cut off at an edge of the image.
     """

@@ -112,8 +112,9 @@ class ArmsShown:
 def centre_of(arms: tuple[TrackedArm, ...], before: Float64 | None) -> Float64 | None:
     """Return the world point (3,) to show at the centre of each view [m].
 
-    It stays while the palms are near, and follows slowly if they move away. It begins 2 cm below their
-    mean. Without a visible palm, it is ``before``.
+    It stays at ``before`` while the mean of the visible palms is within `_STAYS_M` of it; else each call moves it by a
+    fixed fraction of the way to that mean. The first result is 2 cm below the mean. Without a visible palm, it is
+    ``before``.
 
     Args:
         arms: arms of the newest scene.
