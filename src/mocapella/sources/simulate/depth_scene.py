@@ -77,8 +77,7 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lens: fx, fy, cx, cy [px].
         unit_m: length of a unit of the image [m].
         distance_m: least and greatest distance of the hands in scenes [m].
-        structured_light, time_of_flight: noise model of the camera, at most one of them; a perfect
-            camera has neither.
+        structured_light, time_of_flight: noise model of the camera, at most one; a perfect camera has neither.
     """
 
     size_px: tuple[int, int]
