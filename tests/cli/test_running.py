@@ -29,6 +29,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     )
 
 
+@pytest.mark.slow
 def test_the_demos_summary_is_what_a_script_can_check(demo: Recorded) -> None:
     summary = demo.summary
     assert {row["name"] for row in summary["sensors"]} == {"front", "left", "right"}
@@ -40,6 +41,7 @@ def test_the_demos_summary_is_what_a_script_can_check(demo: Recorded) -> None:
     assert isinstance(summary["drops"], int)
 
 
+@pytest.mark.slow
 def test_a_take_replays_as_it_was_and_is_never_recorded_over(demo: Recorded) -> None:
     whole = (demo.folder / "whole.mcap").read_bytes()
     again = run(demo.folder, "replay", "whole")

@@ -29,6 +29,8 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
+pytestmark = pytest.mark.slow  # of kernels that are compiled for these tests alone
+
 SMALL: Any = {"seed": 3, "size_px": (160, 120), "fps": 60.0}
 SCENE = silhouette_scene("runner", **SMALL, cameras=4)
 TRUTH = Movement(SCENE.mesh, SCENE.poses(), 60.0).first(6)

@@ -120,6 +120,7 @@ def robustly_determined(M: np.ndarray) -> float:
     return float(gap) if gap > 1e-3 else 0.0
 
 
+@pytest.mark.slow
 def test_recursive_equals_batch_to_1e_12_on_a_walk_of_ten_minutes() -> None:
     rng = np.random.default_rng(0)
     T_true = random_motion(rng)

@@ -26,6 +26,8 @@ from mocapella.geometry.outline_kernels import (
 )
 from mocapella.model.silhouettes import overlap
 
+pytestmark = pytest.mark.slow  # of kernels that are compiled for these tests alone
+
 Float64 = NDArray[np.float64]
 
 PINHOLE = np.array([600.0, 610.0, 320.0, 240.0, 0, 0, 0, 0, 0])

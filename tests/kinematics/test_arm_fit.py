@@ -342,6 +342,7 @@ def test_what_is_kept_of_residuals_tells_as_much_as_each_of_them(seed: int, side
     np.testing.assert_allclose(g, true_g, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_costs_alone_are_those_of_the_whole_system(side: Handedness) -> None:
     model, _, pose, evidence = seen(1, side, 2.0)

@@ -53,6 +53,7 @@ def anywhere(rng: np.random.Generator, reach: float = 20.0) -> Float64:
     return rigid(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-reach, reach, 3))
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(seeds)
 def test_a_rigid_motion_of_all_that_is_seen_moves_what_is_estimated(seed: int) -> None:

@@ -36,6 +36,7 @@ def still(tracker: HandTracker, points: np.ndarray, frames: int, sd: float = SD,
     return hand
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seeds)
 @pytest.mark.parametrize("shape", [RIGHT, LEFT], ids=["right", "left"])

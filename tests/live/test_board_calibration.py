@@ -86,6 +86,7 @@ def test_running_nodes_are_calibrated_on_the_command_line(room: Room) -> None:
     room.is_right(load_camera_rig(room.folder / "cli.toml"), found["cameras"]["right"]["position_sd_mm"])
 
 
+@pytest.mark.slow
 def test_a_node_that_is_not_there_is_named_with_those_that_are(room: Room) -> None:
     arguments = ("--board", "board.toml", "--out", "no.toml", "--connect", room.address)
     done = run(room.folder, "calibrate", "cameras", "node:left", "node:middle", *arguments)

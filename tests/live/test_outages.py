@@ -95,6 +95,7 @@ def seen(served: Served, name: str, frames: int = 1) -> bool:
     return row is not None and row.frames >= frames and not row.silent
 
 
+@pytest.mark.slow
 def test_a_silent_node_is_noticed_and_so_is_its_return(one_server: Served, tmp_path: Path) -> None:
     with simulate(tmp_path, one_server.address, "1", "--name", "quiet") as node:
         wait_until("frames", lambda: seen(one_server, "quiet", 10))
@@ -138,6 +139,7 @@ def test_a_second_node_under_a_name_ends_with_the_reason(one_server: Served, tmp
         assert first.process.poll() is None
 
 
+@pytest.mark.slow
 def test_a_server_that_stood_still_has_every_frame_afterwards(served: Served, tmp_path: Path) -> None:
     with simulate(tmp_path, served.address, "1", "--name", "front", "--seconds", "9", "--json", "front.json") as node:
         wait_until("frames", lambda: seen(served, "front"))

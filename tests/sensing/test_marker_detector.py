@@ -85,6 +85,7 @@ def test_a_piece_is_filled_between_its_pixels_of_each_row_and_column(
     assert piece[1:7].tolist() == [len(x), x.sum(), y.sum(), (x * x).sum(), (x * y).sum(), (y * y).sum()]
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.integers(0, 20), st.integers(1, 20), st.integers(1, 20))
 def test_pieces_of_a_part_are_those_of_the_part_alone(seed: int, x: int, y: int, w: int, h: int) -> None:

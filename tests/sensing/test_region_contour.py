@@ -231,7 +231,9 @@ def test_arrays_need_not_be_contiguous() -> None:
 # Pictures
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [kind if kind == "easy" else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
+)
 @pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_an_outline_is_found(kind: str, step: int) -> None:
     shots = [picture(kind, seed) for seed in range(3)]

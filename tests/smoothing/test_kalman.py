@@ -43,6 +43,7 @@ def test_moving_the_points_moves_the_result_along(path: np.ndarray, gone: np.nda
     np.testing.assert_allclose(there.variances, here.variances, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(paths, gaps)
 def test_a_covariance_is_one_and_time_only_makes_it_larger(path: np.ndarray, gone: np.ndarray) -> None:
     points = run(blanked(path, gone))[-1]

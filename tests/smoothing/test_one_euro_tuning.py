@@ -9,6 +9,8 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.smoothing.one_euro import OneEuroSettings
 from mocapella.smoothing.one_euro_tuning import HIGHEST_HZ, jitter, lag, spread, tune
 
+pytestmark = pytest.mark.slow  # of kernels that are compiled for these tests alone
+
 AT_S = np.arange(240) / 60
 RNG = np.random.default_rng(3)
 NOISE = RNG.normal(0, 0.001, (240, 2, 3))

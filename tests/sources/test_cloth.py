@@ -16,6 +16,8 @@ from mocapella.model.arms import PALM
 from mocapella.model.scene import TrackedArm
 from mocapella.sources.simulate.cloth import Cloth, ClothBeforeHand, ClothSettings, HandInCloth, hand_in_cloth
 
+pytestmark = pytest.mark.slow  # of kernels that are compiled for these tests alone
+
 SMALL: dict[str, float] = {"width_m": 0.16, "height_m": 0.16, "mesh_m": 0.02}
 HZ = 30.0
 seeds = st.integers(0, 2**32 - 1)

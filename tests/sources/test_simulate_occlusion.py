@@ -53,6 +53,7 @@ def test_joints_hidden_by_bodies_are_those_whose_ray_is_blocked(scene: str, at_s
     assert sure.mean() > 0.8
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31))
 def test_joints_hidden_by_boxes_and_pillars_are_those_whose_ray_is_blocked(seed: int) -> None:
