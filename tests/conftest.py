@@ -53,7 +53,8 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 if settings.get_current_profile_name() == "same":
     # Else examples would have constants of all modules that a worker has loaded, which depend on its other tests.
-    providers.is_local_module_file = lambda path: False
+    # The name is hypothesis' own: it fails here if another version has it no more.
+    pytest.MonkeyPatch().setattr(providers, "is_local_module_file", lambda path: False)
 
 BROWSERS = (
     "viewer/test_view_in_browser.py",
@@ -173,8 +174,8 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What keeps real time comes first and has a mark, then what is long. Slow tests are run if they are chosen."""
     if "slow" not in config.option.markexpr and not _chosen(config):
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
+        slow = {item for item in items if item.get_closest_marker("slow")}
+        config.hook.pytest_deselected(items=[item for item in items if item in slow])
         items[:] = [item for item in items if item not in slow]
     lanes = ("browsers", "programs", "")
     for item in items:

@@ -52,7 +52,6 @@ def test_errors_along_the_axis_and_across_it_are_told_apart(along: float, across
     np.testing.assert_allclose(off, np.broadcast_to([across, 0, along], off.shape), atol=1e-9)
 
 
-@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, len(SCENE) - 1), st.floats(0.01, 100))
 def test_nothing_that_is_added_makes_a_direction_less_certain(k: int, weight: float) -> None:
@@ -83,7 +82,6 @@ def test_one_camera_leaves_directions_open_that_four_do_not_and_the_penalty_clos
     assert median_freedoms(TRUTH, ONE, with_penalty(1.0))[0] < 0.5 * median_freedoms(TRUTH, ONE, with_penalty(0.0))[0]
 
 
-@pytest.mark.slow
 def test_the_experiment_is_a_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
 

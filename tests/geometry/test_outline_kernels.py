@@ -101,7 +101,6 @@ def test_points_are_seen_where_the_lens_shows_them(x: float, y: float, z: float)
     assert pixels == pytest.approx(lenses.project(vertices, BENT))
 
 
-@pytest.mark.slow
 @given(st.floats(-0.8, 0.8), st.floats(-0.6, 0.6), st.floats(4, 8), st.floats(0.2, 0.5))
 @settings(deadline=None, max_examples=25)
 def test_the_outline_of_a_ball_is_where_lines_of_sight_touch_it(x: float, y: float, z: float, radius: float) -> None:
@@ -126,7 +125,6 @@ def test_the_outline_of_a_ball_is_where_lines_of_sight_touch_it(x: float, y: flo
     assert ((outwards * look["normals"]).sum(axis=1) > 0).all()
 
 
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(deadline=None, max_examples=25)
 def test_what_is_covered_is_what_any_face_covers(seed: int, step: int) -> None:
@@ -162,7 +160,6 @@ def test_an_edge_of_one_face_is_of_the_outline() -> None:
     assert edges[:, 2:].tolist() == [[0, -1]] * 3
 
 
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(deadline=None, max_examples=25)
 def test_the_edges_between_front_and_back_say_what_is_covered(seed: int, step: int) -> None:

@@ -107,7 +107,6 @@ def best_of_starts(
     return min(float(np.linalg.norm(fit.fun)) for fit in fits) / 1000
 
 
-@pytest.mark.slow
 def test_an_unreachable_target_is_met_as_nearly_as_by_a_general_solver() -> None:
     rng = np.random.default_rng(4)
     cases = [(THESIS, 1, 0.005), (THESIS, 2, 0.03), (THESIS, 4, 0.03), (THESIS, 0, 0.05), (FULL, 3, 0.03)]

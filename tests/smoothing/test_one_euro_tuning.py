@@ -20,7 +20,6 @@ FAST = (AT_S, SWING + RNG.normal(0, 0.001, SWING.shape))
 START = OneEuroSettings(per_component=True)
 
 
-@pytest.mark.slow
 def test_both_goals_are_reached_and_no_more_than_that() -> None:
     tuned = tune(STILL, FAST, 0.0006, 0.02, START)
     assert tuned.jitter_reached

@@ -45,7 +45,6 @@ def run(made: Cloth, seconds: float, hands: Any = NO_HANDS, start_s: float = 0.0
     return made
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(seeds)
 def test_what_is_free_keeps_its_momentum_and_its_turning(seed: int) -> None:

@@ -47,7 +47,7 @@ def lines(now: SessionStatus) -> Iterator[str]:
     if not now.sensors:
         yield "no sensor yet"
     for one in now.people_conditions:
-        yield f"person {one.person}: {one.condition}"
+        yield one.text
     health, take = now.health, now.recording
     if health.latency_ms:
         yield "latency: " + ", ".join(f"{name} {value:.1f} ms" for name, value in health.latency_ms.items())

@@ -136,7 +136,7 @@ class RunSummary:
             self.began_ns = done_ns
         self.people_conditions = tuple(PersonCondition(one.id, one.condition) for one in scene.people if one.condition)
         texts = scene.state.reason.split("; ") if scene.state.reason else []
-        texts += [f"person {one.person}: {one.condition}" for one in self.people_conditions]
+        texts += [one.text for one in self.people_conditions]
         for text in texts:
             self._note_condition(text, (done_ns - self.began_ns) / NS_PER_S)
         if latency is not None:

@@ -284,6 +284,11 @@ class PersonCondition:
     person: int
     condition: str
 
+    @property
+    def text(self) -> str:
+        """The condition with the person's id, such as ``person 2: left knee: …``."""
+        return f"person {self.person}: {self.condition}"
+
 
 @dataclass(frozen=True)
 class SessionStatus:
