@@ -173,7 +173,7 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What keeps real time comes first and has a mark, then what is long. Slow tests are run if they are chosen."""
-    if "slow" not in config.option.markexpr and not _chosen(config):
+    if not (config.option.markexpr or _chosen(config)):
         slow = {item for item in items if item.get_closest_marker("slow")}
         config.hook.pytest_deselected(items=[item for item in items if item in slow])
         items[:] = [item for item in items if item not in slow]

@@ -57,11 +57,8 @@ def test_only_what_keeps_real_time_or_starts_programs_is_run_again(request: pyte
 
 
 @pytest.mark.parametrize("arguments", [["tests"], ["tests/evaluation"], []])
-@pytest.mark.parametrize("marks", ["", "not real_time"])
-def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(
-    request: pytest.FixtureRequest, arguments: Any, marks: str
-) -> None:
-    items, left_out = run(request, *arguments, marks=marks)
+def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(request: pytest.FixtureRequest, arguments: Any) -> None:
+    items, left_out = run(request, *arguments)
     assert left_out == 1
     assert not any("slow" in item.marks for item in items)
 
@@ -72,6 +69,7 @@ def test_a_run_of_all_or_a_folder_leaves_slow_tests_out(
         (["tests/evaluation/test_e.py"], {}),
         ([f"tests/{SLOW}"], {}),
         (["tests"], {"marks": "slow"}),
+        (["tests"], {"marks": "not real_time"}),
         (["tests"], {"words": "e"}),
     ],
 )
