@@ -35,9 +35,10 @@ LEAST: Final = 1e-12
 def _turn_rates() -> Float64:
     """Return the decay rate of each frequency on the circle (BINS // 2 + 1,), per `STEP_S`: 1 − λ of one turn.
 
-    λ is the turn's eigenvalue. A turn goes by 0, ±1 or ±2 bins with probability 0.2 each, to any other bin with 1e-6.
+    λ is the turn's eigenvalue. A turn goes by 0, ±1 or ±2 bins with weight 0.2 each, to any other bin with 1e-4. The
+    latter bounds the certainty: weak evidence that stays, as of a body with an odd shape, never becomes certainty.
     """
-    kernel = np.full(BINS, 1e-6)
+    kernel = np.full(BINS, 1e-4)
     kernel[[0, 1, 2, -1, -2]] = 0.2
     return np.asarray(1.0 - np.fft.rfft(kernel / kernel.sum()).real)
 

@@ -23,6 +23,7 @@ from mocapella.errors import InputError
 from mocapella.fusion.facing import FacingSettings
 from mocapella.fusion.facing_grid import BIN, BINS, STEP_S, YAWS, turned, turned_on, unknown
 from mocapella.fusion.facing_model import (
+    MOST_SCORE,
     SHAPE_BINS,
     SPEEDS,
     YAW_BINS,
@@ -38,6 +39,8 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+_SCORES = np.linspace(-MOST_SCORE, MOST_SCORE, SHAPE_BINS)
 
 
 class FacingSequence(msgspec.Struct, frozen=True, eq=False):
@@ -69,6 +72,7 @@ class TrainingSettings:
             (beyond ±back_deg) with a probability above ``sure`` [deg].
         sure: that probability [0 to 1].
         penalty: ridge penalty of the classifier's weights.
+        score_sd: standard deviation of the score's offset of a person or sensor unlike the training data.
         yaw_floor, shape_floor, motion_floor: share of each table row's probability that is distributed evenly.
 
     Raises:
@@ -82,6 +86,7 @@ class TrainingSettings:
     back_deg: float = 120.0
     sure: float = 0.9
     penalty: float = 0.1
+    score_sd: float = 1.0
     yaw_floor: float = 0.02
     shape_floor: float = 0.05
     motion_floor: float = 0.02
@@ -93,6 +98,7 @@ class TrainingSettings:
         check(0 < self.front_deg <= self.back_deg < 180, "front_deg", self.front_deg, "above 0° up to back_deg")
         check(0.5 <= self.sure < 1, "sure", self.sure, "from 0.5 to below 1")
         check(self.penalty > 0, "penalty", self.penalty, "above 0")
+        check(0 < self.score_sd <= MOST_SCORE, "score_sd", self.score_sd, f"above 0, up to {MOST_SCORE}")
         for name in ("yaw_floor", "shape_floor", "motion_floor"):
             check(0 < getattr(self, name) <= 1, name, getattr(self, name), "above 0, up to 1")
 
@@ -247,7 +253,10 @@ def _with_shape(
         score, _ = classifier.score(sequence.view.features)
         known = np.asarray(np.isfinite(sequence.view.features).all(axis=-1))
         _count(counts, p, shape_place(score), known, wraps=False)
-    counts = _blurred(counts + _mirrored(counts))
+    # Somebody else's body, or another sensor, changes all scores alike.
+    apart = np.subtract.outer(_SCORES, _SCORES) / training.score_sd
+    other = np.exp(-0.5 * apart**2)
+    counts = _blurred(counts + _mirrored(counts)) @ (other / other.sum(axis=1, keepdims=True))
     return msgspec.structs.replace(model, classifier=classifier, shape=log_rows(counts, training.shape_floor))
 
 
