@@ -13,6 +13,7 @@ from functools import reduce
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from support.programs import Program, free_port, wait_until
 
@@ -93,7 +94,7 @@ def test_a_terminal_that_is_closed_ends_the_program_in_order() -> None:
         pytest.skip("this system has no terminals that hang up")
     with stop_on_signals() as stop:
         signal.raise_signal(hang_up)
-        assert stop.is_set()
+        assert stop.wait(30.0)
         assert not stop.died.is_set()
     ignored = signal.signal(hang_up, signal.SIG_IGN)  # as nohup does
     try:
@@ -110,10 +111,32 @@ def test_a_background_job_of_a_shell_can_be_ended(number: signal.Signals) -> Non
     try:
         with stop_on_signals() as stop:
             signal.raise_signal(number)
-            assert stop.is_set()
+            assert stop.wait(30.0)
         assert signal.getsignal(number) is signal.SIG_IGN
     finally:
         signal.signal(number, before)
+
+
+SIGNALLED = """
+import signal
+from mocapella.live.signals import stop_on_signals
+with stop_on_signals() as stop:
+    with stop._cond:  # as within stop.wait() and stop.set()
+        for _ in range(2):
+            signal.raise_signal(signal.SIGTERM)
+    assert stop.wait(30.0)
+"""
+
+
+def test_a_signal_while_the_event_is_locked_ends_the_program() -> None:
+    subprocess.run([sys.executable, "-c", SIGNALLED], timeout=60.0, check=True)
+
+
+def test_signals_leave_no_thread_and_no_file_behind() -> None:
+    before = threading.active_count(), psutil.Process().num_fds()
+    with stop_on_signals():
+        signal.raise_signal(signal.SIGTERM)
+    assert (threading.active_count(), psutil.Process().num_fds()) == before
 
 
 def no_room(*_: object, **__: object) -> None:

@@ -66,11 +66,36 @@ def stop_on_signals() -> Iterator[StopEvent]:
     if STARTED_BY_US in os.environ:
         threading.Thread(target=_stop_when_alone, args=(stop,), name="parent", daemon=True).start()
 
-    def handle(_signal: int, _frame: FrameType | None) -> None:
-        stop.set()
-
-    with _handled_by(handle), end_with_any_thread(stop):
+    with _set_by_signals(stop), end_with_any_thread(stop):
         yield stop
+
+
+@contextmanager
+def _set_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Let a thread set the event on signals.
+
+    A handler must not: it interrupts the main thread, which may hold the event's lock at that moment.
+    """
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+
+    def handle(_signal: int, _frame: FrameType | None) -> None:
+        with suppress(BlockingIOError):  # thousands of signals wait already
+            os.write(write, b"!")
+
+    def listen() -> None:
+        while os.read(read, 4096):
+            stop.set()
+
+    listener = threading.Thread(target=listen, name="signals", daemon=True)
+    listener.start()
+    try:
+        with _handled_by(handle):
+            yield
+    finally:
+        os.close(write)
+        listener.join()
+        os.close(read)
 
 
 @contextmanager
