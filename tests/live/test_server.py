@@ -249,6 +249,8 @@ def test_drops_before_tracking_began_are_told_apart(address: str) -> None:
             before = sensor(waiting, "x")
             assert before is not None
             assert (before.frames_before, before.dropped_before) == (0, 0)
+            wait_until("they are counted", lambda: waiting.summary.untracked > 0)
+            assert waiting.summary.untracked == waiting.summary.frames_in
             waiting.ready(begin=True)
             after = sensor(waiting, "x")
             assert after is not None

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 def csv(
     take: TakeArgument,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} By default the take's name with .csv.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="New file to write, .csv or .csv.gz. By default the take's name with .csv."
+        ),
     ] = None,
     every: Every = 1,
     reference: Annotated[
@@ -40,21 +43,25 @@ def csv(
 ) -> None:
     """Write the study log: the thesis' 87 columns, a row for each sensor's view of each person.
 
-    docs/study-log.md describes the columns.
+    A log is never overwritten. docs/study-log.md describes the columns. `mocapella export json` writes fused joints.
 
     Example:  mocapella export csv walk-1 --every 2
     """
     import dataclasses
+    import os
 
     from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.errors import TakeExistsError
     from mocapella.recording.study_export import export_study_log
 
     take = find_recording(take)
+    target = out or take.with_suffix(".csv")
+    if os.path.lexists(target):
+        raise TakeExistsError(f"{target} exists, and a study log is never overwritten; name another file with --out")
     source = open_take(take)
     given = {"participant": participant, "placement": placement, "scenario": scenario}
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     setup = dataclasses.replace(source.info.setup, **chosen)
-    target = out or take.with_suffix(".csv")
     with working(f"writing {target} …", status=INTERRUPTED):
         report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)
     say(f"{report.rows} rows of {report.written} results in {target}")

@@ -270,8 +270,10 @@ def finish(server: Server) -> dict[str, Any]:
     server.halt()  # or the take could have a result more than the summary
     summary = _summary(server)
     recording = recording_row(server.close())
+    untracked = summary["frames_untracked"]
+    stopped = f" ({untracked} while tracking was stopped)" if untracked else ""
     say(
-        f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}, "
+        f"{summary['seconds']:.0f} s, sensors: {len(summary['sensors'])}, frames in: {summary['frames_in']}{stopped}, "
         f"dropped: {summary['drops']}, scenes out: {summary['frames_out']}, " + most_of(summary)
     )
     for problem in server.server_health().problems():

@@ -48,6 +48,7 @@ def replay(
         summary.frames_in += 1
         scene = _step(session, event, errors)
         if scene is None:
+            summary.untracked += 1
             continue
         on_scene(scene)
         summary.scene(scene, None, event.at_ns)

@@ -244,6 +244,7 @@ class Server:
             recorder.frame(message.node, message.data, message.arrived_ns, frame.sequence)
         scene = self._session.step(Arrival(frame, at_ns))
         if scene is None:
+            self.summary.untracked += 1
             return
         data = encode_scene(scene)
         self._link.publish_scene(data)

@@ -83,7 +83,8 @@ class RunSummary:
     """Running counts of a run, live or replayed, for its status and its ``--json``.
 
     Attributes:
-        frames_in: number of frames that the tracker received.
+        frames_in: number of accepted frames.
+        untracked: number of these frames without a scene, because tracking was stopped or had not begun.
         rejected: number of messages and frames that were refused.
         scenes_out: number of scenes.
         counts: present number of parts, such as people, by part type.
@@ -103,6 +104,7 @@ class RunSummary:
     """
 
     frames_in: int = 0
+    untracked: int = 0
     rejected: int = 0
     scenes_out: int = 0
     counts: dict[str, int] = field(default_factory=dict)
@@ -229,6 +231,7 @@ class RunSummary:
             "phase": last.phase.value,
             "reason": last.reason,
             "frames_in": self.frames_in,
+            "frames_untracked": self.untracked,
             "frames_out": self.scenes_out,
             "rejected": self.rejected,
             **self._counted(),
