@@ -100,7 +100,9 @@ def run_causally(
     for arrival in arrivals:
         scene = tracker.update(arrival)
         known.append(_known(tracker.sensor_views(), sensors))
-        people.append(_people(scene, known[-1][0][0]))
+        # The scene's own pose: a tracker may approach a better estimate gradually, with its people.
+        place = next((place.T_world_sensor for place in scene.sensors if place.sensor == sensors[0]), None)
+        people.append(_people(scene, known[-1][0][0] if place is None else place))
     T_world_sensor, offsets, swapped = (tuple(values) for values in zip(*known, strict=True))
     T = np.stack(T_world_sensor)
     T_reference_sensor = rigid.inverse(T[:, :1]) @ T

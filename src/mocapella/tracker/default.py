@@ -14,7 +14,7 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
@@ -38,6 +38,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.fusion.facing import FacingMemory
 from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
+from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
 from mocapella.model.images import ImageFrame
@@ -68,6 +69,15 @@ from mocapella.tracker.people_bodies import PeopleBodies
 from mocapella.tracker.people_memory import PeopleMemory
 from mocapella.tracker.people_update import associate_and_fuse
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
+
+_APPROACH_S: Final = 0.3
+"""Time constant of the approach to refined poses [s]."""
+_APPROACH_M_S: Final = 0.1
+"""Least speed of the approach, at a distance of `_REACH_M` [m/s]."""
+_REACH_M: Final = 4.0
+"""Distance at which the motion of a pose is judged [m]."""
+_AT_ONCE_M: Final = 0.5
+"""A pose that is farther off is replaced at once [m]."""
 
 
 class DefaultTracker:
@@ -120,7 +130,8 @@ class DefaultTracker:
         self._shown_arms: tuple[TrackedArm, ...] = ()
         self._root = ""
         self._T_root_sensor: dict[str, Float64] = {}
-        self._T_world_root = np.eye(4)
+        self._T_world_root = self._T_world_known = np.eye(4)
+        self._T_root_known: dict[str, Float64] = {}
         self._people: People | None = None
         self._known: PeopleState | None = None
         self._now_s = 0.0
@@ -140,7 +151,8 @@ class DefaultTracker:
         """
         self._calibration.layout = None
         self._calibration.reset()
-        self._T_root_sensor, self._known, self._outvoted_s = {}, None, None
+        self._T_root_sensor, self._T_root_known = {}, {}
+        self._known, self._outvoted_s = None, None
         self._state = TrackerState(Phase.CALIBRATING, reason=reason)
 
     def snapshot(self) -> bytes:
@@ -172,6 +184,7 @@ class DefaultTracker:
             self._people.restore(people[1])
         self._calibration.recall(calibration)
         self._known = self._calibration.state
+        self._T_world_known, self._T_root_known = self._known_poses()
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """Start from known poses ``T_world_sensor`` (4, 4), by sensor; each is used until a better one is estimated."""
@@ -187,13 +200,13 @@ class DefaultTracker:
         return self._calibration.layout_now() if self._calibration.tied else None
 
     def sensor_views(self) -> SensorViews:
-        """Return the present poses, clock offsets and swapped views of the sensors; unknown ones are missing."""
+        """Return the estimated poses, clock offsets and swapped views of the sensors; unknown ones are missing."""
         layout = self._calibration.layout
         given = {name: np.array(sensor.T_world_sensor) for name, sensor in layout.sensors.items()} if layout else {}
         if self._people is None:
             return SensorViews(given)
         clocks = {name: sensor.clock for name, sensor in self._calibration.state.sensors.items()}
-        places = {name: self._T_world_root @ T for name, T in self._T_root_sensor.items()}
+        places = {name: self._T_world_root @ T for name, T in self._T_root_known.items()}
         if self._root in given:  # add sensors without a frame yet
             T_world_layout = self._T_world_root @ inverse(given[self._root])
             places |= {name: T_world_layout @ T for name, T in given.items() if name not in clocks}
@@ -231,10 +244,11 @@ class DefaultTracker:
             return heard.problem
         if self._people is None:
             self._people = People(self.settings.people, SKELETON)
-        sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
+        sighting, before_s = self._without_jumps(heard.newest[heard.sensor], self._people), self._now_s
         corrections = self._corrections(sighting, self._people)
         self._calibrate(sighting, heard, corrections)
         self._track(sighting, self._people, corrections)
+        self._approach_known_poses(self._now_s - before_s)
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         self._update_arms(arrival.at_ns)
@@ -312,22 +326,44 @@ class DefaultTracker:
                 T_root_old = inverse(sensors[root].T_world_sensor) @ sensors[self._root].T_world_sensor
                 self._people.move(T_root_old)
                 self._tracks.move(T_root_old)
+                self._T_world_root = self._T_world_root @ inverse(T_root_old)
             self._root, self._T_root_sensor = root, {}
-        before, self._T_root_sensor = self._T_root_sensor, {root: np.eye(4)}
-        if sensors[root].trusted:  # otherwise it continues alone with its last pose
-            self._T_world_root = sensors[root].T_world_sensor
-            to_root = inverse(self._T_world_root)
-            self._T_root_sensor |= {
-                name: to_root @ sensor.T_world_sensor
-                for name, sensor in sensors.items()
-                if sensor.root == sensors[root].root and sensor.trusted
-            }
+        self._T_world_known, self._T_root_known = self._known_poses()
+        self._T_root_sensor = {name: self._T_root_sensor.get(name, T) for name, T in self._T_root_known.items()}
         if self._people is not None:
-            for name, T in self._T_root_sensor.items():
-                if name in before and not np.array_equal(T, before[name]):
-                    self._people.move_sensor(name, T @ inverse(before[name]))
-            self._people.level(self._T_world_root[:3, :3])
+            self._people.level(self._T_world_known[:3, :3])
         self._places = self._sensor_places()
+
+    def _known_poses(self) -> tuple[Float64, dict[str, Float64]]:
+        """Return the calibration's poses of the root sensor in the world, and of the tied sensors in the root's space.
+
+        The root continues alone with its last pose where its own is not trusted.
+        """
+        sensors = self._calibration.state.sensors
+        if self._root not in sensors:
+            return self._T_world_root, dict(self._T_root_sensor)
+        root = sensors[self._root]
+        if not root.trusted:
+            return self._T_world_root, {self._root: np.eye(4)}
+        to_root = inverse(root.T_world_sensor)
+        tied = {name: one for name, one in sensors.items() if one.root == root.root and one.trusted}
+        return root.T_world_sensor, {name: to_root @ one.T_world_sensor for name, one in tied.items()} | {
+            self._root: np.eye(4)
+        }
+
+    def _approach_known_poses(self, elapsed_s: float) -> None:
+        """Let the poses in use approach the calibration's, so that refinements let nobody who is shown jump."""
+        names, known = list(self._T_root_known), [self._T_world_known, *self._T_root_known.values()]
+        before = [self._T_world_root, *(self._T_root_sensor[name] for name in names)]
+        if all(now is wanted for now, wanted in zip(before, known, strict=True)):
+            return
+        now = approached(before, known, elapsed_s) if self._shown else known
+        self._T_world_root, self._T_root_sensor = now[0], dict(zip(names, now[1:], strict=True))
+        if self._people is not None:
+            for name, T_before, T in zip(names, before[1:], now[1:], strict=True):
+                if T is not T_before and not np.array_equal(T, T_before):
+                    self._people.move_sensor(name, T @ inverse(T_before))
+        self._views, self._places = None, self._sensor_places()
 
     def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
         """Return the root sensor, whose space defines the world: that of the old component, unless one is larger."""
@@ -448,6 +484,25 @@ class DefaultTracker:
             state = msgspec.structs.replace(state, reason=reason)
             places = tuple(sorted((*places, *cameras), key=lambda place: place.sensor))
         return scene_at(arrival, step, state, parts, topology=self._arrivals.topology, sensors=places)
+
+
+def approached(poses: Sequence[Float64], wanted: Sequence[Float64], elapsed_s: float) -> list[Float64]:
+    """Move poses towards wanted ones along screw motions: exponentially, and at a least speed.
+
+    Args:
+        poses, wanted: transforms (4, 4), one for each pose.
+        elapsed_s: elapsed time [s].
+
+    Returns:
+        The poses. One that arrives, or is farther off than `_AT_ONCE_M`, is the wanted one itself.
+    """
+    now, goal = np.stack(poses), np.stack(wanted)
+    off = log_motion(goal @ inverse(now))
+    off_m = np.linalg.norm(off[:, :3], axis=1) + _REACH_M * np.linalg.norm(off[:, 3:], axis=1)
+    part = np.maximum(-np.expm1(-elapsed_s / _APPROACH_S), _APPROACH_M_S * elapsed_s / np.maximum(off_m, 1e-9))
+    moved = exp_twist(part[:, None] * off) @ now
+    arrives = (off_m < 1e-9) | (part >= 1) | (off_m > _AT_ONCE_M)
+    return [want if there else T for want, T, there in zip(wanted, moved, arrives.tolist(), strict=True)]
 
 
 @lru_cache(maxsize=64)
