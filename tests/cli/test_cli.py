@@ -132,8 +132,18 @@ def test_scenes_are_listed_where_asked_for_and_where_none_has_the_name(verb: lis
     assert dict(rows) == scene_summaries()
     unknown = run_here(tmp_path, *verb, "--scene", "obstacel")
     assert unknown.returncode == 1
-    assert listed.stdout in SCREEN.sub("", unknown.stderr)
-    assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
+    (line,) = SCREEN.sub("", unknown.stderr).splitlines()
+    assert line.startswith(f"mocapella: unknown scene 'obstacel'; known: {', '.join(scene_summaries())} (did you mean")
+    assert line.endswith("obstacle?); `--scene help` describes them")
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
+@pytest.mark.parametrize("verb", [["demo"], ["node", "simulate"], ["record", "walk"]], ids=" ".join)
+def test_a_duration_is_above_zero(verb: list[str], seconds: str, tmp_path: Path) -> None:
+    refused = run_here(tmp_path, *verb, "--seconds", seconds)
+    assert refused.returncode == 1
+    words = f"mocapella: --seconds is {float(seconds)}; it must be a number of seconds above 0, such as 30\n"
+    assert SCREEN.sub("", refused.stderr) == words
 
 
 @pytest.mark.parametrize("verb", [["demo"], ["serve"], ["node", "simulate"], ["record", "walk"], ["doctor"]])
