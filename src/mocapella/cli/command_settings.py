@@ -102,12 +102,13 @@ def _fields(kind: type) -> dict[str, _Field]:
     return found
 
 
-def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None = None) -> Any:
+def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None = None, detail: str = "") -> Any:
     """Return the typer option ``--set`` of a command; ``--set help`` prints the keys and exits.
 
     Args:
         kind: dataclass of the command's keys.
         more: yields further lines of ``--set help``, such as the keys of the tracking method.
+        detail: end of the option's help.
     """
 
     def list_keys(context: typer.Context, value: list[str] | None) -> list[str] | None:
@@ -119,7 +120,7 @@ def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None
             raise typer.Exit
         return value
 
-    return typer.Option("--set", metavar="KEY=VALUE", help=SET_HELP, callback=list_keys)
+    return typer.Option("--set", metavar="KEY=VALUE", help=f"{SET_HELP} {detail}".rstrip(), callback=list_keys)
 
 
 def rows_of_keys(kind: type) -> list[KeyRow]:

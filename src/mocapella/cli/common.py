@@ -118,6 +118,12 @@ def _list_methods(name: str) -> str:
     return name
 
 
+def method_option(detail: str = "") -> Any:
+    """Return the typer option ``--method`` of a command; ``detail`` ends its help."""
+    meaning = f"Tracking method; `--method help` lists them. {detail}".rstrip()
+    return typer.Option("--method", metavar="NAME", help=meaning, callback=_list_methods)
+
+
 def check_scene(name: str) -> str:
     """Return the name of a simulated scene if it is known; for ``help``, print the list of scenes and exit.
 
@@ -196,9 +202,10 @@ ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "B
 FrameChoice = Annotated[
     str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")
 ]
+PLACEMENT_HELP: Final = "Sensor placement of the study log, such as right-90."
 Placement = Annotated[
     str | None,
-    typer.Option("--placement", metavar="NAME", help="Sensor placement of the study log, such as right-90."),
+    typer.Option("--placement", metavar="NAME", help=f"{PLACEMENT_HELP} For study logs only."),
 ]
 RecordTo = Annotated[
     str | None,
@@ -214,12 +221,8 @@ AllPoints = Annotated[
 Every = Annotated[int, typer.Option("--every", metavar="N", min=1, help="Write every n-th result only.")]
 OUT_HELP: Final = "File to write; an existing file is replaced."
 
-Method = Annotated[
-    str,
-    typer.Option(
-        "--method", metavar="NAME", help="Tracking method; `--method help` lists them.", callback=_list_methods
-    ),
-]
+
+Method = Annotated[str, method_option()]
 Participants = Annotated[
     str | None,
     typer.Option(
