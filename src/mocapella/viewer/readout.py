@@ -99,7 +99,7 @@ def _none_of(counts: Mapping[str, int]) -> str:
 
 
 def stage_text(status: SessionStatus | None) -> str:
-    """Return the reason why the Tracking stage is empty, in one line; ``status`` is None without a server."""
+    """Return the reason why the Scene stage is empty, in one line; ``status`` is None without a server."""
     if status is None:
         return "No server"
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
