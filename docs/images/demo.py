@@ -140,7 +140,7 @@ def whole_page(chromium: Any) -> np.ndarray:
 
 
 def filled(picture: np.ndarray) -> int:
-    """How many pixels of the Tracking stage are green."""
+    """How many pixels of the Scene stage are green."""
     blue, green, red = (picture[200:650, :1100, k].astype(int) for k in range(3))
     return int(((green > 150) & (green > blue + 60) & (green > red + 60)).sum())
 

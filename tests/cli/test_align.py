@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import threading
 from functools import partial
@@ -20,6 +21,7 @@ from mocapella.cli.app import app
 from mocapella.errors import CalibrationError, InputError, MocapellaError, SettingsError
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import log_motion
+from mocapella.live.align_guide import AlignGuideSettings
 from mocapella.model.session import Setup
 from mocapella.model.space import load_space
 from mocapella.recording.take import TakeInfo
@@ -101,6 +103,8 @@ def test_seconds_are_of_the_live_way(tmp_path: Path) -> None:
     result = run("take.mcap", "--body", "LHR-1", "--object", "wand", "--seconds", 5, "--out", tmp_path / "vr.toml")
     assert isinstance(result.exception, SettingsError)
     assert "--seconds is for the live way" in str(result.exception)
+    (option,) = [one for one in inspect.signature(align).parameters.values() if one.name == "seconds"]
+    assert f"only; {AlignGuideSettings().seconds:g} s by default" in str(option.annotation)
 
 
 def test_where_nothing_can_be_written_it_says_so_before_it_begins(tmp_path: Path) -> None:

@@ -132,8 +132,18 @@ def test_scenes_are_listed_where_asked_for_and_where_none_has_the_name(verb: lis
     assert dict(rows) == scene_summaries()
     unknown = run_here(tmp_path, *verb, "--scene", "obstacel")
     assert unknown.returncode == 1
-    assert listed.stdout in SCREEN.sub("", unknown.stderr)
-    assert "did you mean obstacle" in SCREEN.sub("", unknown.stderr)
+    (line,) = SCREEN.sub("", unknown.stderr).splitlines()
+    assert line.startswith(f"mocapella: unknown scene 'obstacel'; known: {', '.join(scene_summaries())} (did you mean")
+    assert line.endswith("obstacle?); `--scene help` describes them")
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
+@pytest.mark.parametrize("verb", [["demo"], ["node", "simulate"], ["record", "walk"]], ids=" ".join)
+def test_a_duration_is_above_zero(verb: list[str], seconds: str, tmp_path: Path) -> None:
+    refused = run_here(tmp_path, *verb, "--seconds", seconds)
+    assert refused.returncode == 1
+    words = f"mocapella: --seconds is {float(seconds)}; it must be a number of seconds above 0, such as 30\n"
+    assert SCREEN.sub("", refused.stderr) == words
 
 
 @pytest.mark.parametrize("verb", [["demo"], ["serve"], ["node", "simulate"], ["record", "walk"], ["doctor"]])
@@ -247,9 +257,16 @@ def test_a_real_log_is_replayed_and_the_results_are_json(study_logs: Path, tmp_p
 def test_options_that_would_do_nothing_are_refused(study_logs: Path, tmp_path: Path) -> None:
     log = str(study_logs / "Study_7_Kinect_2_Time_3_11_06_PM.csv.gz")
     (tmp_path / "walk.mcap").touch()
+    take, otherwise = (
+        "walk.mcap is a take, tracked with its recorded settings; leave",
+        "out; to track its frames otherwise",
+    )
     for arguments, words in (
-        (["walk.mcap", "--set", "frames=30"], "is a take, tracked with its recorded settings"),
-        (["walk.mcap", "--placement", "parallel"], "is a take, tracked with its recorded settings"),
+        (["walk.mcap", "--set", "frames=30"], f"{take} --set or --settings {otherwise}"),
+        (["walk.mcap", "--method", "stand-still"], f"{take} --method {otherwise}, run `mocapella serve --method NAME`"),
+        (["walk.mcap", "--method", "arms"], "`mocapella node replay walk.mcap --sensor NAME`"),
+        (["walk.mcap", "--placement", "parallel"], f"{take} --placement out, which is for study logs"),
+        (["walk.mcap", "--placement", "x", "--method", "arms"], f"{take} --placement, --method {otherwise}"),
         ([log, "--record", "copy.mcap"], "--record wants --live and one file"),
         ([log, log, "--live", "--record", "copy.mcap"], "--record wants --live and one file"),
     ):

@@ -22,6 +22,7 @@ class Keys:
     takes: Annotated[Path, KeySpec("Folder.", "folder")] = Path("takes")
     model: Annotated[tuple[str, ...], KeySpec("Models.", "[PERSON=]NAME")] = ()
     size: Annotated[str | None, KeySpec("How to fit.", choices=("crop", "scale"))] = None
+    seconds: Annotated[float | None, KeySpec("How long.", "s", above=0)] = None
 
 
 def test_pairs_become_typed_values() -> None:
@@ -48,6 +49,7 @@ def test_a_file_says_the_same_and_a_pair_overrides_it(tmp_path: Path) -> None:
         ("reserve_gib=much", "setting reserve_gib is 'much'; it must be a number [GiB]"),
         ("every=10", "setting every is 10; it must be a whole number, at least 1, at most 9"),
         ("every=1.5", "setting every is '1.5'"),
+        ("seconds=0", "setting seconds is 0.0; it must be a number [s], above 0"),
         ("wait=maybe", "it must be true or false"),
         ("size=corp", "setting size is 'corp'; it must be one of crop, scale (did you mean crop?)"),
         ("resrve_gib=1", "unknown setting 'resrve_gib'; did you mean reserve_gib?"),

@@ -120,8 +120,25 @@ def test_a_recording_that_is_not_there_is_told_with_those_that_are(
     for name in ("walk-3", "walk-3.mcap"):
         with pytest.raises(InputError, match=rf"^{name}: no such file; there are takes/walk-1\.mcap, walk-2\.mcap"):
             find_recording(Path(name))
-    with pytest.raises(InputError, match=r"^takes: it is a folder; there are takes/walk-1\.mcap"):
+    with pytest.raises(InputError, match=r"^takes: it is a folder; there are takes/walk-1\.mcap$"):
         find_recording(Path("takes"))
+
+
+def test_the_take_that_was_meant_is_named_however_many_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("takes", "elsewhere"):
+        Path(name).mkdir()
+    for number in range(12):
+        Path(f"takes/a{number:02}.mcap").touch()
+    for name in ("takes/take-1.mcap", "elsewhere/run 1.5.mcap"):
+        Path(name).touch()
+    for name, meant in (("take1", "take-1"), ("take1.mcap", "take-1"), ("elsewhere/run15", r"elsewhere/run 1\.5")):
+        with pytest.raises(InputError, match=rf"^{name}: no such file; there are .*mcap \(did you mean {meant}\?\)$"):
+            find_recording(Path(name))
+    with pytest.raises(InputError, match=r"there are takes/a00.*takes/a09\.mcap$"):
+        find_recording(Path("zzzz"))
 
 
 def test_a_take_is_told_from_a_log_by_its_beginning_too(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from support.programs import free_port, result_here, run_here
 
+from mocapella.cli.status import lines
 from mocapella.model.session import (
     CommandReply,
     Descriptors,
@@ -59,6 +60,15 @@ def test_all_that_matters_is_said_and_problems_come_last(tmp_path: Path) -> None
         "PROBLEM: 95 of 100 file descriptors are in use; new sensors are refused",
         "PROBLEM: turned away: 3 commands",
     ]
+
+
+def test_one_of_a_kind_is_named_in_the_singular() -> None:
+    counts = {"people": 1, "arms": 0, "of a plug-in": 1}
+    front = sensor_health("front", frames=1)
+    said = list(lines(session_status(counts=counts, sensors=(front,), recording=RecordingHealth(path="a", frames=1))))
+    assert "results/s, 1 person, 0 arms, 1 of a plug-in; up for" in said[1]
+    assert "front: good; 30 Hz, 1 frame, 0 dropped" in said[2]
+    assert "last take: a, 1 frame, 0 lost" in said
 
 
 def test_programs_get_it_as_json(tmp_path: Path) -> None:

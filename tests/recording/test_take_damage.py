@@ -195,6 +195,14 @@ def test_files_that_are_no_takes(tmp_path: Path, content: bytes, says: str) -> N
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["walk.csv", "walk.csv.gz"])
+def test_a_table_is_told_from_a_take(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"Kinect,Time\n1,2\n" * 900)
+    with pytest.raises(InputError, match=f"{name}: is a table, and no take; name a take that is there, such as NAME"):
+        read_take(path)
+
+
 def test_missing_files_and_folders(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such file; name a take"):
         read_take(tmp_path / "x.mcap")

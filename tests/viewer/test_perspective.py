@@ -92,7 +92,7 @@ def test_a_person_that_the_sensor_lost_stays_and_one_that_it_never_saw_is_named(
     drawing = tracking_drawing(blind, "front", fresh, floors)
     assert drawing.unseen == ("person 1", "person 2")
     assert len(drawing.bones) == 0
-    assert tracking_title(drawing, "front").text == "Tracking · camera frame of front (never saw person 1, person 2)"
+    assert tracking_title(drawing, "front").text == "Scene · camera frame of front (never saw person 1, person 2)"
 
 
 @pytest.mark.parametrize("perspective", [FREE, "front"])
@@ -120,7 +120,7 @@ def test_the_condition_of_a_person_is_in_the_title():
     bent = msgspec.structs.replace(bent, name="Ada", condition="left knee: sensors and body model disagree by 50°")
     both = scene.with_parts(people=(bent, other))
     title = tracking_title(tracking_drawing(both, FREE, *learned(both, frames)), FREE).text
-    assert title == "Tracking · world frame (Ada: left knee: sensors and body model disagree by 50°)"
+    assert title == "Scene · world frame (Ada: left knee: sensors and body model disagree by 50°)"
 
 
 def test_who_is_gone_is_forgotten():
@@ -177,7 +177,7 @@ def test_without_a_scene_the_stage_is_empty():
     drawing = tracking_drawing(None, FREE, Perspectives(), Floors())
     assert len(drawing.bones) == 0
     assert drawing.tags == []
-    assert tracking_title(drawing, FREE).text == "Tracking · world frame"
+    assert tracking_title(drawing, FREE).text == "Scene · world frame"
 
 
 def test_a_known_height_is_taken_and_an_unknown_one_is_the_lowest_joint():

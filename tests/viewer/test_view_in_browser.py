@@ -431,7 +431,7 @@ def test_whom_to_name_is_chosen_and_stays_so_while_nobody_sees_them(server, tab)
 
 
 def stage(server, k=0):
-    """The Tracking stage of a browser, as the view's loop has it."""
+    """The Scene stage of a browser, as the view's loop has it."""
     return sorted(server.viewer._browsers.items())[k][1]._stage
 
 
@@ -454,7 +454,7 @@ def drawn(lines):
 
 
 def stage_text(server):
-    """What stands on the first browser's Tracking stage instead of people."""
+    """What stands on the first browser's Scene stage instead of people."""
     _, browser = min(server.viewer._browsers.items())
     return [handle.text for handle in browser._stage._empty._handles if handle.visible]
 
@@ -667,7 +667,7 @@ def test_a_perspective_moves_the_camera_of_its_own_browser_to_the_sensor(server,
     wanted = [0.0, server.frames["left"].height, 0.0]
     until(first, lambda: np.allclose(cameras(server)[0], wanted, atol=1e-2), "the camera is at the sensor")
     assert cameras(server)[1] == pytest.approx(before[1], abs=1e-2)
-    for aim, far in (("Tracking", True), ("Sensors", True), ("Sensor's eyes", False)):
+    for aim, far in (("Scene", True), ("Sensors", True), ("Sensor's eyes", False)):
         first.button(aim).click()  # each is waited for: one that comes late would undo what follows
         until(first, lambda far=far: (cameras(server)[0, 2] < -1) == far, f"the camera is where {aim} wants it")
     first.choose("Perspective", "free")

@@ -16,10 +16,10 @@ from mocapella.cli.common import (
     SPACE_HELP,
     Connect,
     JsonOut,
-    Seconds,
     check_out,
     console,
     say,
+    seconds_option,
     working,
     write_json,
 )
@@ -55,7 +55,7 @@ def align(
     vertical: Annotated[
         bool, typer.Option("--vertical", help="Both spaces have y up: one angle fewer to estimate.")
     ] = False,
-    seconds: Seconds = None,
+    seconds: Annotated[float | None, seconds_option("At the latest, and without a take only; 60 s by default.")] = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:

@@ -22,10 +22,10 @@ from mocapella.cli.common import (
     Connect,
     FrameChoice,
     JsonOut,
-    Seconds,
     console,
     need_cameras,
     say,
+    seconds_option,
     working,
     write_json,
 )
@@ -83,7 +83,7 @@ def calibrate(
         int | None, typer.Option(metavar="FRAME", help="The world is the board in this frame, lying on the floor.")
     ] = None,
     upright: Annotated[bool, typer.Option("--upright", help="The board of --origin hung on a wall.")] = False,
-    seconds: Seconds = None,
+    seconds: Annotated[float | None, seconds_option(f"Live cameras only; {FILMED_S:g} s by default.")] = None,
     connect: Connect = DEFAULT_ADDRESS,
     json: JsonOut = None,
 ) -> None:

@@ -39,6 +39,7 @@ class KeySpec:
         meaning: description for `--set help`, a sentence.
         unit: unit of a number, or form of a text, such as ``NAME=MS``.
         least, most: smallest and largest value; None for no limit.
+        above: exclusive lower limit; None for none.
         choices: the valid values of a text, if there are few.
     """
 
@@ -47,6 +48,7 @@ class KeySpec:
     least: float | None = None
     most: float | None = None
     choices: tuple[str, ...] = ()
+    above: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +87,7 @@ class _Field:
             return f"one of {', '.join(self.key.choices)}"
         kind = {bool: "true or false", int: "a whole number", float: "a number"}.get(self.type, "text")
         unit = f" [{self.key.unit}]" if self.key.unit else ""
-        limits = (("at least", self.key.least), ("at most", self.key.most))
+        limits = (("above", self.key.above), ("at least", self.key.least), ("at most", self.key.most))
         return kind + unit + "".join(f", {words} {limit:g}" for words, limit in limits if limit is not None)
 
 
@@ -100,12 +102,13 @@ def _fields(kind: type) -> dict[str, _Field]:
     return found
 
 
-def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None = None) -> Any:
+def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None = None, detail: str = "") -> Any:
     """Return the typer option ``--set`` of a command; ``--set help`` prints the keys and exits.
 
     Args:
         kind: dataclass of the command's keys.
         more: yields further lines of ``--set help``, such as the keys of the tracking method.
+        detail: end of the option's help.
     """
 
     def list_keys(context: typer.Context, value: list[str] | None) -> list[str] | None:
@@ -117,7 +120,7 @@ def set_option(kind: type, more: Callable[[typer.Context], Iterator[str]] | None
             raise typer.Exit
         return value
 
-    return typer.Option("--set", metavar="KEY=VALUE", help=SET_HELP, callback=list_keys)
+    return typer.Option("--set", metavar="KEY=VALUE", help=f"{SET_HELP} {detail}".rstrip(), callback=list_keys)
 
 
 def rows_of_keys(kind: type) -> list[KeyRow]:
@@ -303,7 +306,7 @@ def _checked(field: _Field, value: Any) -> Any:
     known = not key.choices or value in key.choices
     if isinstance(value, int | float) and not isinstance(value, bool):
         low, high = -math.inf if key.least is None else key.least, math.inf if key.most is None else key.most
-        known = math.isfinite(value) and low <= value <= high
+        known = math.isfinite(value) and low <= value <= high and (key.above is None or value > key.above)
     if not known:
         hint = f"one of {one_of(value, key.choices)}" if key.choices else field.wanted
         raise SettingsError(f"setting {field.name} is {value!r}; it must be {hint}")

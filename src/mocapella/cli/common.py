@@ -6,6 +6,7 @@ import dataclasses
 import importlib.util
 import json
 import logging
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -19,6 +20,7 @@ from rich.console import Console
 from mocapella.cli.command_settings import KeySpec, lines_of_dataclass
 from mocapella.errors import SettingsError, one_of
 from mocapella.model.names import visible
+from mocapella.settings import check
 
 if TYPE_CHECKING:
     from mocapella.model.session import RecordingHealth
@@ -33,6 +35,8 @@ WATCH_URL: Final = "view, to watch only: "
 DEFAULT_VIEW_PORT = 7448
 DEFAULT_TAKES = Path("takes")
 DEFAULT_SCENE: Final = "obstacle"
+SECONDS_HELP: Final = "Stop after this time."
+SESSION_SECONDS: Final = "It begins after the compilation and includes the calibration; without it, at Ctrl-C."
 DEFAULT_ADDRESS = f"tls/127.0.0.1:{DEFAULT_PORT}"
 
 _LOG: Final = logging.getLogger("mocapella.cli")
@@ -86,6 +90,17 @@ def check_out(path: Path) -> Path:
     return path
 
 
+def seconds_option(detail: str) -> Any:
+    """Return the typer option ``--seconds`` of a command, a number above 0; ``detail`` ends its help."""
+
+    def check_seconds(value: float | None) -> float | None:
+        valid = value is None or 0 < value < math.inf
+        check(valid, "--seconds", value, "a number of seconds above 0, such as 30")
+        return value
+
+    return typer.Option("--seconds", metavar="SECONDS", help=f"{SECONDS_HELP} {detail}", callback=check_seconds)
+
+
 def _list_methods(name: str) -> str:
     """Return the name of a tracking method; for ``help``, list all with their frames, results and exports, and exit."""
     if name == "help":
@@ -103,11 +118,17 @@ def _list_methods(name: str) -> str:
     return name
 
 
+def method_option(detail: str = "") -> Any:
+    """Return the typer option ``--method`` of a command; ``detail`` ends its help."""
+    meaning = f"Tracking method; `--method help` lists them. {detail}".rstrip()
+    return typer.Option("--method", metavar="NAME", help=meaning, callback=_list_methods)
+
+
 def check_scene(name: str) -> str:
     """Return the name of a simulated scene if it is known; for ``help``, print the list of scenes and exit.
 
     Raises:
-        SettingsError: no scene has this name; the list is printed as well.
+        SettingsError: no scene has this name; lists the known ones.
     """
     from mocapella.sources.simulate import scene_summaries
 
@@ -118,8 +139,8 @@ def check_scene(name: str) -> str:
         typer.echo("\n".join(lines))
         raise typer.Exit
     if name not in scenes:
-        say("\n".join(lines))
-        raise SettingsError(f"unknown scene {name!r}; known: {one_of(name, scenes)}")
+        known = one_of(name, scenes)
+        raise SettingsError(f"unknown scene {name!r}; known: {known}; `--scene help` describes them")
     return name
 
 
@@ -146,10 +167,7 @@ SceneName = Annotated[
     typer.Option("--scene", metavar="NAME", help="Simulated scene; `--scene help` lists them."),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="NUMBER", help="Seed of the simulated noise.")]
-Seconds = Annotated[
-    float | None,
-    typer.Option("--seconds", metavar="SECONDS", min=0, help="Stop after this time; without it, at Ctrl-C."),
-]
+Seconds = Annotated[float | None, seconds_option("Without it, at Ctrl-C.")]
 View = Annotated[
     bool,
     typer.Option(
@@ -184,9 +202,10 @@ ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "B
 FrameChoice = Annotated[
     str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")
 ]
+PLACEMENT_HELP: Final = "Sensor placement of the study log, such as right-90."
 Placement = Annotated[
     str | None,
-    typer.Option("--placement", metavar="NAME", help="Sensor placement of the study log, such as right-90."),
+    typer.Option("--placement", metavar="NAME", help=f"{PLACEMENT_HELP} For study logs only."),
 ]
 RecordTo = Annotated[
     str | None,
@@ -202,12 +221,8 @@ AllPoints = Annotated[
 Every = Annotated[int, typer.Option("--every", metavar="N", min=1, help="Write every n-th result only.")]
 OUT_HELP: Final = "File to write; an existing file is replaced."
 
-Method = Annotated[
-    str,
-    typer.Option(
-        "--method", metavar="NAME", help="Tracking method; `--method help` lists them.", callback=_list_methods
-    ),
-]
+
+Method = Annotated[str, method_option()]
 Participants = Annotated[
     str | None,
     typer.Option(

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
-from mocapella.cli.common import JsonOut, Plot, Seconds, console, participant_numbers, say, write_json
+from mocapella.cli.common import JsonOut, Plot, console, participant_numbers, say, seconds_option, write_json
 from mocapella.cli.evaluate import Seeds
 
 Bodies = Annotated[
@@ -24,6 +24,7 @@ Bodies = Annotated[
         help="Body mesh used for tracking: the subject's own, or one of the proportions measured in the first frame.",
     ),
 ]
+SceneSeconds = Annotated[float | None, seconds_option("Of each scene; by default at its end.")]
 _SEEDS = "100"
 _COMMANDS: Final = {
     "knee-bend": (
@@ -54,7 +55,7 @@ def _command(name: str, usual: str, about: str) -> None:
     """Register an experiment as a command."""
 
     def command(
-        seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: Seconds = None, plot: Plot = None,
+        seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: SceneSeconds = None, plot: Plot = None,
         json: JsonOut = None,
     ) -> None:  # fmt: skip
         _experiment(name, seeds, bodies, seconds, plot, json)

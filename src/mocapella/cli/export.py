@@ -10,7 +10,17 @@ import msgspec
 import typer
 
 from mocapella.cli import INTERRUPTED
-from mocapella.cli.common import OUT_HELP, AllPoints, Every, JsonOut, Placement, TakeArgument, say, working, write_json
+from mocapella.cli.common import (
+    OUT_HELP,
+    PLACEMENT_HELP,
+    AllPoints,
+    Every,
+    JsonOut,
+    TakeArgument,
+    say,
+    working,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from mocapella.model.scene import Scene
@@ -35,7 +45,9 @@ def csv(
     participant: Annotated[
         int | None, typer.Option(metavar="NUMBER", help="Study_Id of the log; by default as recorded.")
     ] = None,
-    placement: Placement = None,
+    placement: Annotated[
+        str | None, typer.Option(metavar="NAME", help=f"{PLACEMENT_HELP} By default as recorded.")
+    ] = None,
     scenario: Annotated[
         str | None, typer.Option(metavar="NAME", help="Scenario_Id of the log, such as walk; by default as recorded.")
     ] = None,

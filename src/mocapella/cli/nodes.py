@@ -15,6 +15,7 @@ import typer
 
 from mocapella.cli.command_settings import KeySpec
 from mocapella.cli.common import record_file, say, write_json
+from mocapella.model.names import plural
 
 if TYPE_CHECKING:
     from mocapella.live.node import DueFrame
@@ -88,6 +89,10 @@ def read_epoch() -> float:
     return float(line)
 
 
+def _unreceived(frames: int) -> str:
+    return f"nobody received its {plural(frames, 'frame', 'frames')}" if frames else "the sensor has sent no frame"
+
+
 def serve_frames(
     frames: Callable[[], Iterable[DueFrame]],
     sensor: str,
@@ -130,5 +135,5 @@ def serve_frames(
         if summary.served:
             say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")
         else:
-            say(f"{sensor}: no server was at {link.address}; it received none of {summary.published} frames")
+            say(f"{sensor}: no server was at {link.address}; {_unreceived(summary.published)}")
         write_json(json, asdict(summary))

@@ -111,9 +111,17 @@ def find_recording(file: Path) -> Path:
     if found is not None:
         return found
     folders = [file] if file.is_dir() else dict.fromkeys(name.parent for name in names)
-    takes = sorted(str(path) for folder in folders for path in folder.glob(f"*{SUFFIX}"))
-    there = f"there are {one_of(str(file), takes[:_MOST_NAMED])}" if takes else "name a study log or a take"
+    takes = sorted((path for folder in folders for path in folder.glob(f"*{SUFFIX}")), key=str)
+    there = _some(file, takes) if takes else "name a study log or a take"
     raise InputError("it is a folder" if file.is_dir() else "no such file", file=file, fix=there)
+
+
+def _some(file: Path, takes: Sequence[Path]) -> str:
+    """Return the first takes as text, and the name that resembles the file's, as a user may write it."""
+    names = [take.stem if take.parent == TAKES else str(take.with_suffix("")) for take in takes]
+    close = one_of(str(file).removesuffix(SUFFIX), names).rpartition(" (did you mean ")
+    listed = ", ".join(map(str, takes[:_MOST_NAMED]))
+    return f"there are {listed}" + (f" (did you mean {close[2]}" if close[1] else "")
 
 
 def is_take(file: Path) -> bool:
@@ -144,17 +152,14 @@ def open_recording(
     """
     file = find_recording(file)
     if is_take(file):
-        if placement or method or method_settings:
-            raise SettingsError(
-                f"{file} is a take, tracked with its recorded settings; leave --placement, --method and --set out"
-            )
+        _refuse_settings(file, placement, method, method_settings)
         take = RecordedTake(file)
         if not take.sensors:
             raise InputError("is a take without frames", file=file, fix="name one that was recorded while sensors sent")
         return take
     if is_body_csv(file):
         if placement:
-            raise SettingsError(f"{file} has one sensor; leave --placement out, which is of a study log")
+            raise SettingsError(f"{file} has one sensor; leave --placement out, which is for study logs")
         return RecordedBodies(file, method or Setup().method, method_settings or {})
     try:
         return RecordedLog(file, placement, method or Setup().method, method_settings or {})
@@ -163,6 +168,22 @@ def open_recording(
             raise
         fix = f"{error.fix or 'a study log has 87 columns'}; docs/sensors.md has the other tables that are read"
         raise InputError(error.problem, file=file, row=1, field=error.field, value=error.value, fix=fix) from None
+
+
+def _refuse_settings(
+    take: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any] | None
+) -> None:
+    """Raise a `SettingsError` if one of the options is given for a take; it says what tracks the frames otherwise."""
+    ours = f"{take} is a take, tracked with its recorded settings; leave"
+    if method or method_settings:
+        given = {"--placement": placement, "--method": method, "--set or --settings": method_settings}
+        refused = ", ".join(option for option, value in given.items() if value)
+        raise SettingsError(
+            f"{ours} {refused} out; to track its frames otherwise, run `mocapella serve --method NAME`, and for each "
+            f"sensor `mocapella node replay {take} --sensor NAME`"
+        )
+    if placement:
+        raise SettingsError(f"{ours} --placement out, which is for study logs")
 
 
 def open_take(file: Path) -> Take:

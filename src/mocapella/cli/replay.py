@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -19,7 +19,6 @@ from mocapella.cli.common import (
     DEFAULT_VIEW_PORT,
     BusPort,
     JsonOut,
-    Method,
     Placement,
     RecordTo,
     View,
@@ -28,6 +27,7 @@ from mocapella.cli.common import (
     exit_by,
     get_ready,
     method_keys,
+    method_option,
     most_of,
     record_file,
     say,
@@ -40,6 +40,8 @@ from mocapella.errors import SettingsError
 if TYPE_CHECKING:
     from mocapella.cli.recordings import Recording
     from mocapella.live.thread_deaths import StopEvent
+
+_NOT_OF_TAKES: Final = "For study logs and CSV files; a take keeps its own."
 
 
 @app.command(rich_help_panel=RECORDINGS)
@@ -55,9 +57,9 @@ def replay(
         bool, typer.Option("--live", help="In real time, with the view, through nodes and the bus.")
     ] = False,
     placement: Placement = None,
-    method: Method = "default",
+    method: Annotated[str, method_option(_NOT_OF_TAKES)] = "default",
     settings_file: SettingsFile = None,
-    settings: Annotated[list[str] | None, set_option(NoKeys, method_keys)] = None,
+    settings: Annotated[list[str] | None, set_option(NoKeys, method_keys, _NOT_OF_TAKES)] = None,
     json: JsonOut = None,
     port: BusPort = DEFAULT_PORT,
     view_port: ViewPort = DEFAULT_VIEW_PORT,
@@ -68,8 +70,8 @@ def replay(
 
     The ports, the view and --record go with --live.
 
-    A take is tracked with the setup and the commands it was recorded with, and its new results are compared with the
-    recorded ones, to the bit. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
+    A take is tracked with the method, the settings and the commands it was recorded with, and its new results are
+    compared with the recorded ones, to the bit. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
 
     Exit status: 1 if results differ; 3 if the take is damaged or was not closed, and what can be read was tracked.
 

@@ -18,6 +18,8 @@ from mocapella.cli.common import (
     DEFAULT_TAKES,
     DEFAULT_VIEW_PORT,
     RIG_HELP,
+    SECONDS_HELP,
+    SESSION_SECONDS,
     START_FORM,
     START_HELP,
     BusPort,
@@ -52,7 +54,7 @@ _INVITE = (
 class ServeKeys:
     """Settings of the command `serve`, for ``--set``."""
 
-    seconds: Annotated[float | None, KeySpec("Stop after this time; without it, at Ctrl-C.", "s", least=0)] = None
+    seconds: Annotated[float | None, KeySpec(f"{SECONDS_HELP} {SESSION_SECONDS}", "s", above=0)] = None
     view_port: Annotated[int, KeySpec("TCP port of the live view.", "port", 1, 65535)] = DEFAULT_VIEW_PORT
     session: Annotated[
         str | None,

@@ -26,12 +26,12 @@ from mocapella.cli.common import (
     FrameChoice,
     JsonOut,
     RecordTo,
-    Seconds,
     View,
     chosen,
     console,
     need_cameras,
     say,
+    seconds_option,
     telling_of_compiling,
     working,
 )
@@ -106,7 +106,7 @@ def silhouettes(
     ] = None,
     frames: FrameChoice = None,
     fps: Fps = None,
-    seconds: Seconds = None,
+    seconds: Annotated[float | None, seconds_option("Of tracking, live cameras only; without it, at Ctrl-C.")] = None,
     overlay: Annotated[
         Path | None,
         typer.Option(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from mocapella.cli.app import LIVE, app
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, show, write_json
 from mocapella.errors import BusError
+from mocapella.model.names import plural
+from mocapella.model.part_types import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,7 +41,7 @@ def status(connect: Connect = DEFAULT_ADDRESS, json: JsonOut = None) -> None:
 
 def lines(now: SessionStatus) -> Iterator[str]:
     """Yield the status as text, problems last."""
-    counts = ", ".join(f"{count} {name}" for name, count in now.counts.items())
+    counts = ", ".join(counted(count, name) for name, count in now.counts.items())
     yield f"{now.phase}{f': {now.reason}' if now.reason else ''}"
     yield f"{now.scenes_hz:g} results/s{f', {counts}' if counts else ''}; up for {now.uptime:.0f} s, {now.version}"
     for sensor in now.sensors:
@@ -52,8 +54,9 @@ def lines(now: SessionStatus) -> Iterator[str]:
     if health.latency_ms:
         yield "latency: " + ", ".join(f"{name} {value:.1f} ms" for name, value in health.latency_ms.items())
     state = "recording" if take.active else "last take"
+    frames = plural(take.frames, "frame", "frames")
     yield (
-        f"{state}: {take.path}, {take.frames} frames, {take.lost} lost{f'; {take.problem}' if take.problem else ''}"
+        f"{state}: {take.path}, {frames}, {take.lost} lost{f'; {take.problem}' if take.problem else ''}"
         if take.path
         else "not recording"
     )
@@ -71,7 +74,7 @@ def lines(now: SessionStatus) -> Iterator[str]:
 
 def sensor_line(sensor: SensorHealth) -> str:
     """Return the health of a sensor in one line."""
-    parts = [f"{sensor.rate_hz:g} Hz", f"{sensor.frames} frames", f"{sensor.dropped} dropped"]
+    parts = [f"{sensor.rate_hz:g} Hz", plural(sensor.frames, "frame", "frames"), f"{sensor.dropped} dropped"]
     if sensor.behind:
         parts[-1] += f" ({sensor.behind} because tracking was too slow)"
     parts.append(f"{sensor.rejected} rejected")

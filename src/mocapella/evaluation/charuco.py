@@ -39,7 +39,8 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
 
     Raises:
         EvaluationError: the folder has fewer than two videos.
-        MocapellaError: a file cannot be read, or the calibration fails.
+        InputError: a file cannot be read.
+        CalibrationError: the views of the board do not determine the cameras.
     """
     videos = sorted((folder / "calibration" / "extrinsic").glob("*.mp4"))
     if len(videos) < 2:

@@ -88,10 +88,15 @@ def unexplained(view: LabelledViews, bias: Float64) -> Float64:
 
 
 def fit_spread(views: Sequence[LabelledViews], rests: Sequence[Float64]) -> Float64:
-    """Fit the standard deviation (25, 2, 3) of a coordinate of one view in Walk [m].
+    """Fit the standard deviation (25, 2, 3) of a coordinate of one view in Walk, the study's walking task [m].
 
     The axes are the joint, visible or hidden by the person's own body, and the person's side (front, side, back) that
-    the sensor sees. ``rests`` (frames, joints, 3) are the results of `unexplained` for each of ``views`` [m].
+    the sensor sees. A left joint and its right one share a fit. A cell with fewer than 100 samples gets the largest
+    variance of the visible cells and, if it is hidden, of the frequent hidden ones.
+
+    Args:
+        views: the sessions' views.
+        rests: (frames, joints, 3) result of `unexplained` for each of ``views``, finite in Walk [m].
     """
     sd = np.empty((len(BODY), 2, 3))
     for joint in range(len(BODY)):
@@ -126,7 +131,7 @@ def fit_correlation(views: Sequence[LabelledViews], rests: Sequence[Float64], sd
 
     Args:
         views: the sessions' views.
-        rests: (frames, joints, 3) result of `unexplained` for each of ``views`` [m].
+        rests: (frames, joints, 3) result of `unexplained` for each of ``views``, finite in Walk [m].
         sd: (25, 2, 3) of `fit_spread` [m].
     """
     total = np.zeros((len(BODY), len(BODY)))
@@ -141,8 +146,8 @@ def fit_correlation(views: Sequence[LabelledViews], rests: Sequence[Float64], sd
 def autocovariance(rests: Sequence[Float64]) -> Float64:
     """Return the autocovariance (lags,) of a coordinate at the lags `LAGS` [m²].
 
-    ``rests`` are sequences (frames, joints, 3) [m]. Their mean is not subtracted, and larger values are clipped to
-    `LARGEST`. The autocovariance of a lag that no sequence covers is 0.
+    ``rests`` are finite sequences (frames, joints, 3) [m]. Their mean is not subtracted, and larger values are clipped
+    to `LARGEST`. The autocovariance of a lag that no sequence covers is 0.
     """
     total, count = np.zeros(len(LAGS)), np.zeros(len(LAGS))
     for rest in rests:
@@ -157,7 +162,7 @@ def autocovariance(rests: Sequence[Float64]) -> Float64:
 def fit_shares(rests: Sequence[Float64]) -> Float64:
     """Fit the residuals as a sum of random cubic splines and white noise; return the splines' variances (knots,) [m²].
 
-    There is one spline for each of the knot spacings `KNOTS_S`. ``rests`` (frames, joints, 3) are results of
+    There is one spline for each of the knot spacings `KNOTS_S`. ``rests`` (frames, joints, 3) are finite results of
     `unexplained` [m].
     """
     basis = [knot_autocorrelation(knot, LAGS * LAG_S) for knot in KNOTS_S]
@@ -168,7 +173,8 @@ def fit_shares(rests: Sequence[Float64]) -> Float64:
 def fit_still_shares(views: Sequence[LabelledViews], rests: Sequence[Float64], sd: Float64) -> Float64:
     """Return the variance (knots,) of each spline of `fit_shares` in Stationary, relative to the total one in Walk.
 
-    ``views``, ``rests`` and ``sd`` are as in `fit_correlation`.
+    Stationary is the study's standing task. ``views``, ``rests`` and ``sd`` are as in `fit_correlation`; ``rests`` are
+    finite in Stationary.
     """
     still, expected = [], []
     for view, rest in zip(views, rests, strict=True):

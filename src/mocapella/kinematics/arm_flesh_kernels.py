@@ -43,7 +43,16 @@ BODY_DOFS = 13
 def write_piece(
     row: Float64, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float,
 ) -> None:  # fmt: skip
-    """Write the row (PIECE,) of a tapered capsule from the point a to the point b with the radii ra and rb [m]."""
+    """Write the row (PIECE,) of a tapered capsule from the point a to the point b.
+
+    The sine of the taper, (ra − rb) / length, is limited to ±0.9, so that its tangent stays finite.
+
+    Args:
+        row: (PIECE,) written.
+        ax, ay, az: point a [m], in the frame of the row.
+        bx, by, bz: point b [m], in the same frame.
+        ra, rb: radii at a and b [m].
+    """
     dx, dy, dz = bx - ax, by - ay, bz - az
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     f = 1.0 / max(length, 1e-6)

@@ -48,7 +48,7 @@ class BonesSettings:
         unsteady_sd_deg: standard deviation of that flexion's variation over time [°].
         thumb_sd: relative standard deviation of the thumb's common proportion to the fingers.
         least_frames: least number of frames of each phase that show the whole base and the fingertip.
-        least_knuckles_deg, least_hook_deg: least range of motion of the first and the second joint of each finger [°].
+        least_knuckles_deg, least_hook_deg: least `Bones.knuckles_deg` and `Bones.hook_deg` of each finger [°].
         most_finger_sd_m: largest standard deviation of the length of a whole finger [m].
         most_iterations: largest number of iterations of the fit.
 
@@ -85,9 +85,12 @@ class Bones(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         shape: the hand, with the standard deviations of its lengths.
-        base_markers: (k, 3) measured positions of the base's markers, as `HandTracker` takes them [m].
+        base_markers: (k, 3) measured positions of the base's markers in the palm's frame of a right hand; of a left
+            hand, mirrored, as `HandTracker` takes them [m].
         finger_sd_m: (5,) standard deviations of each digit's whole length [m].
-        knuckles_deg, hook_deg: (4,) range of motion of the fingers' first and second joints [°].
+        knuckles_deg: (4,) flexion range of the fingers' first joints in the phase ``knuckles``, from the 5 % to the
+            95 % quantile [°].
+        hook_deg: (4,) flexion range of the second joints in the phase ``hook``, likewise [°].
         frames: (4,) number of instants used for each finger.
         residual_m: root mean square distance of the measured tips from the fitted hand [m].
     """
@@ -116,8 +119,8 @@ def measure_bones(
     Args:
         model: the hand's proportions and couplings.
         start: a hand of about that size; gives the person, the side, and the prior's lengths and positions.
-        base_markers: (k, 3), k ≥ 3, approximate positions of the base's markers, as `HandTracker` takes them [m].
-            They define the palm's frame.
+        base_markers: (k, 3), k ≥ 3, approximate positions of the base's markers, as in `Bones` [m]. They define the
+            palm's frame.
         points: (n, 5 + k, 3) fingertips and the base's markers, world [m]; NaN where one is not seen.
         phases: (n,) phase of the gesture at each instant, one of `PHASES`.
         sd_m: standard deviation of a coordinate of a marker [m].

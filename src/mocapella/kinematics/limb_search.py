@@ -233,8 +233,9 @@ def worth(
 ) -> tuple[Float64, Float64, Float64]:
     """Evaluate n poses of a limb: evidence for and against each, and the sum of its penetration depths [m], (n,) each.
 
-    Evidence for a pose is the mean of the positive values of `Evidence.strange` over the limb's points and the cameras,
-    evidence against it that of the negative ones, 0 to 1 each; 0 without a camera.
+    Evidence for a pose is the sum of the positive values of `Evidence.strange` at the limb's vertices in all cameras,
+    divided by the number of vertices times the number of cameras. Evidence against it is that of the negative values,
+    with a positive sign. Both are 0 to 1; vertices behind a camera or outside of its map, and no camera, add 0.
 
     Args:
         limb: the limb.

@@ -54,7 +54,8 @@ def run_arm_node(
     """Detect arms in the newest image and publish them, until the source ends or ``stop`` is set.
 
     Arms of an image older than ``settings.drop_after_s`` are counted, but not published; its depth image is. ``stop``
-    is set when the run ends.
+    is set when the run ends. An unexpected error, which is no `MocapellaError`, costs its image only; the report counts
+    it.
 
     Args:
         link: the sensor's end of the bus; stays open.
@@ -68,7 +69,10 @@ def run_arm_node(
         The node's identity, and the counts of frames of arms, of depth images and of errors.
 
     Raises:
-        MocapellaError: as `run_camera_node`.
+        NameTakenError: another node serves a sensor of either name.
+        NoServerError: the source has ended, and no server ever accepted the node.
+        InputError: a depth image cannot be read, the depth unit is implausible, or images of another size, lens or unit
+            arrive.
     """
     s = settings or CameraNodeSettings()
     images = None if depth_link is None else Membership(depth_link, stop, say)

@@ -118,7 +118,8 @@ def run_camera_node(
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the source has ended, no server ever accepted the node, and ``full`` is not given.
-        MocapellaError: of the source, or of ``on_picture``; any other error of ``on_picture`` costs that image only.
+        MocapellaError: raised by the source or by ``on_picture``; any other error of ``on_picture`` costs its image
+            only, and is counted.
     """
     sensor = link.node.sensor
     process = _guarded(on_picture, link.errors)

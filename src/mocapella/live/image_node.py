@@ -52,6 +52,9 @@ def run_image_node(
 ) -> ImageNodeSummary:
     """Publish the newest image repeatedly, until the source ends or ``stop`` is set.
 
+    An unexpected error, which is no `MocapellaError`, costs its image only; the report counts it. ``stop`` is set when
+    the run ends.
+
     Args:
         link: the sensor's end of the bus; stays open.
         acquisition: source of the images, not started yet; stays open.
@@ -71,7 +74,8 @@ def run_image_node(
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the source has ended, and no server ever accepted the node.
-        MocapellaError: the images of the source have changed.
+        SettingsError: an image is no colour image.
+        InputError: an image file of the source cannot be read.
     """
 
     def publish(picture: Picture) -> None:

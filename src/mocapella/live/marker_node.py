@@ -61,8 +61,8 @@ def run_marker_node(
 ) -> MarkerNodeSummary:
     """Detect markers in the newest image and publish them, until the source ends or ``stop`` is set.
 
-    Markers of an image older than ``settings.drop_after_s`` are counted, but not published. ``stop`` is set when the
-    run ends.
+    Markers of an image older than ``settings.drop_after_s`` are counted, but not published. An unexpected error, which
+    is no `MocapellaError`, costs its image only; the report counts it. ``stop`` is set when the run ends.
 
     Args:
         link: the sensor's end of the bus; stays open.
@@ -85,7 +85,8 @@ def run_marker_node(
     Raises:
         NameTakenError: another node serves a sensor of this name.
         NoServerError: the source has ended, no server ever accepted the node, and ``times`` is not given.
-        MocapellaError: the images of the source have changed.
+        SettingsError: an image has another size than those in which the colours were learnt, or is no colour image.
+        InputError: an image file of the source cannot be read.
     """
     s = settings or CameraNodeSettings()
 

@@ -171,7 +171,10 @@ class SilhouetteRun:
             yield self.step(shown)
 
     def step(self, shown: FrameSet) -> Step:
-        """Track the next frame, count it, and return its result."""
+        """Track the next frame and count it; return its images and results as a `Step`.
+
+        A frame whose time does not follow the last one's is taken as one frame period later, as in `feed`.
+        """
         took_s = self.feed(shown)
         seen = self.tracker.seen
         assert seen is not None  # a frame has an arrival for every camera, also without an image

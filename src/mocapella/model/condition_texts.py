@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 SEES_NOBODY: Final = "it sees nobody yet: walk where two sensors see you"
-NOBODY_SHARED: Final = "no other sensor sees the people that it sees: walk where two sensors see you"
+NOBODY_SHARED: Final = "no other sensor sees the same people: walk where two sensors see you"
 NO_PERSON: Final = "both sensors must see a person"
 WALK: Final = "walk a few steps"
 WALK_ACROSS: Final = "walk a few steps, also sideways"

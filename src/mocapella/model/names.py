@@ -1,4 +1,4 @@
-"""Check names that become files, and escape texts from outside for terminals and tables."""
+"""Check names that become files, escape texts from outside for terminals and tables, and count with nouns."""
 
 from __future__ import annotations
 
@@ -33,3 +33,8 @@ def as_cell(text: str) -> str:
 def of_cell(text: str) -> str:
     """Invert `as_cell`: return a table cell's text without the apostrophe that `as_cell` puts before it."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text
+
+
+def plural(count: int, one: str, many: str) -> str:
+    """Return a number with the noun ``one`` for 1, else ``many``."""
+    return f"{count} {one if count == 1 else many}"

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from mocapella.model.names import plural
 from mocapella.registry import Table
 
 
@@ -51,3 +52,14 @@ class PartType:
 
 PART_TYPES: Final = Table("mocapella.part_types", PartType, "part type")
 """Part types by name."""
+
+
+def counted(count: int, name: str) -> str:
+    """Return a number of parts with the noun of their type, such as ``1 person``.
+
+    Args:
+        count: number of parts.
+        name: name of the type, which is itself the noun of an unknown type and of one without a noun.
+    """
+    kind = PART_TYPES.get(name)
+    return f"{count} {name}" if kind is None or kind.counted is None else plural(count, *kind.counted)

@@ -112,7 +112,8 @@ class Person(msgspec.Struct, frozen=True, eq=False):
     def seen_from(self, sensor: str) -> Float64 | None:
         """Return the fused skeleton (joints, 3) in a sensor's camera space [m]; None without a view of this sensor.
 
-        A view without tracked joints suffices, so this also works for a person whom the sensor has lost.
+        A joint that no sensor sees is NaN, as in `positions`. A view without tracked joints suffices, so this also
+        works for a person whom the sensor has lost.
         """
         view = self.view_of(sensor)
         return None if view is None else apply(inverse(view.T_world_sensor), self.positions)

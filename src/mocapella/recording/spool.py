@@ -29,7 +29,7 @@ SPOOL_FOLDER: Final = Path("spool")
 
 @dataclass(frozen=True)
 class SpoolLimits:
-    """Limits of a spool's disk space.
+    """Limits of a spool's disk space; beyond one of them, `DiskSpool.write` raises `DiskFullError` and stores nothing.
 
     Attributes:
         reserve_bytes: free disk space to leave [bytes].

@@ -310,7 +310,8 @@ def read_take(path: Path | str) -> Take:
         index.clean = False
         index.problems.append(f"the take is in {len(parts)} parts, because the recording was interrupted")
     if index.empty and not is_mcap:
-        raise InputError("is no MCAP file", file=path, fix=_FIX)
+        is_table = path.name.lower().endswith((".csv", ".csv.gz"))
+        raise InputError("is a table, and no take" if is_table else "is no MCAP file", file=path, fix=_FIX)
     if index.empty:
         raise DamagedTakeError("nothing in it can be read", file=path, fix="; ".join(index.problems) or None)
     if not index.runs and not index.frames and not index.scenes:

@@ -74,7 +74,8 @@ def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8
     """Draw all images into one, ``columns`` in a row, each under its number and name; return (height, width, 3) BGR.
 
     Args:
-        stages: at least one image, (height, width) gray or (height, width, 3) BGR, by name; scaled to 256 px of width.
+        stages: at least one uint8 image, (height, width) gray or (height, width, 3) BGR, by name; scaled to 256 px of
+            width.
         columns: number of images in a row.
     """
     tiles: list[Any] = []
@@ -97,10 +98,14 @@ def contact_sheet(stages: Mapping[str, UInt8], columns: int = _COLUMNS) -> UInt8
 def write_stages(stages: Mapping[str, UInt8], folder: Path, name: str = "stages") -> tuple[Path, ...]:
     """Write each image and the contact sheet as PNG into a folder.
 
+    The files are ``NAME-01-STAGE.png`` and so on, as `write_pictures` numbers them, and ``NAME-sheet.png``. Existing
+    ones are replaced.
+
     Args:
-        stages: images by name, of `LineSkeleton.stages`.
+        stages: at least one image of `LineSkeleton.stages`, (height, width) gray or (height, width, 3) BGR, uint8, by
+            name.
         folder: created if missing.
-        name: prefix of the files, such as the image's name.
+        name: beginning of the files' names, such as the image's name.
 
     Returns:
         The files; the contact sheet is the last.
@@ -116,7 +121,7 @@ def write_pictures(stages: Mapping[str, UInt8], folder: Path, prefix: str = "") 
     """Write images as numbered PNG files, of any size, without a contact sheet.
 
     Args:
-        stages: images by name, in order.
+        stages: images, (height, width) gray or (height, width, 3) BGR, uint8, by name, in order.
         folder: created if missing.
         prefix: beginning of the files' names; their numbers, from 01, and names follow. Such files are replaced.
 

@@ -113,7 +113,7 @@ class ArmsTracker:
     def recalibrate(self, reason: str) -> None:
         """Recalibrate the cameras placed by an arm or a layout; cameras of a camera rig keep their poses.
 
-        ``reason``, a text for the user, is the state's reason until the next usable frame updates the state.
+        The tracker's state gives ``reason``, a text for the user, until the next usable frame updates the state.
         """
         self._restarts += 1
         self._kept = {}

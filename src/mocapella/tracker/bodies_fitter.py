@@ -81,7 +81,7 @@ class BodiesFitter:
             fitter.recall(fitters[name])
 
     def reset(self) -> None:
-        """Forget all poses and backgrounds."""
+        """Forget all poses and backgrounds; no body is tracked until its next `start`."""
         self._followed, self.others = set(), {}
         for fitter in self.fitters.values():
             fitter.reset()

@@ -147,7 +147,7 @@ class DefaultTracker:
     def recalibrate(self, reason: str) -> None:
         """Restart the calibration of the sensors, without a layout; people keep their ids.
 
-        ``reason``, a text for the user, is the state's reason until the next frame of bodies updates the state.
+        The tracker's state gives ``reason``, a text for the user, until the next frame of bodies updates the state.
         """
         self._calibration.layout = None
         self._calibration.reset()

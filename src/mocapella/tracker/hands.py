@@ -202,9 +202,10 @@ class HandsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def recalibrate(self, reason: str) -> None:
-        """Forget markers, hand and objects, and detect them again; the rig's poses of the cameras stay.
+        """Forget the tracks of markers, hand and objects, and begin them anew.
 
-        The state gives ``reason``, a text for the user, while it waits for cameras.
+        The rig, the hand's bone lengths and the counts of `report` stay. The tracker's state becomes
+        `Phase.WAITING_FOR_SENSORS`, and has ``reason``, a text for the user, until enough cameras send markers.
         """
         rejected, steps, hand_id = self._rejected, self._steps, self._hand_id
         self.reset()

@@ -116,7 +116,7 @@ class SilhouettesTracker:
     def recalibrate(self, reason: str) -> None:
         """Learn the empty room again, and search all bodies at their initial poses; the rig stays.
 
-        The state gives ``reason``, a text for the user, until the bodies are searched.
+        The tracker's state gives ``reason``, a text for the user, until the bodies are searched.
         """
         self._restarts += 1
         self._rejected += self._sync.dropped

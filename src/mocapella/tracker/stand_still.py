@@ -96,7 +96,7 @@ class StandStillTracker:
         self._people: tuple[Person, ...] = ()
 
     def recalibrate(self, reason: str) -> None:
-        """Restart the calibration; the next scene gives the reason."""
+        """Restart the calibration; the next scene's state gives ``reason``, a text for the user."""
         self._calibration.restart(reason)
 
     def snapshot(self) -> bytes:

@@ -193,7 +193,7 @@ class Browser:
             return
         first, self._stage_name = not self._stage_name, stage.name
         if self._wish in (None, Aim.BOTH) and (first or not self.camera.touched):
-            self._wish = Aim.BOTH if stage.box_with_sensors else Aim.TRACKING
+            self._wish = Aim.BOTH if stage.box_with_sensors else Aim.SCENE
 
     def _draw_stage(
         self, now: ViewNow, moment: Moment, drawing: TrackingDrawing, perspective: str, gallery: GalleryDrawing
@@ -283,7 +283,7 @@ class Browser:
             self._before_picture, wish = False, wish or self._aim
             self._panel.cameras.leave()
         self._aim = wish or self._aim
-        along = self._aim in (Aim.TRACKING, Aim.BOTH) or (self._aim is Aim.SENSORS and not lanes)
+        along = self._aim in (Aim.SCENE, Aim.BOTH) or (self._aim is Aim.SENSORS and not lanes)
         if self._sight is not None and (self._panel.picture or along):
             self._look_along(lanes, wish)
             return
@@ -301,8 +301,8 @@ class Browser:
         over = BOARDS_BEHIND + np.array([0.0, _WORDS_M, 0.0])
         pictures = [plane.corners + over for plane in self._boards.planes.values()]
         both = np.concatenate([tracking, sensors, *pictures])
-        seen = {Aim.TRACKING: tracking, Aim.SENSORS: np.concatenate([sensors, *pictures])}.get(self._aim, both)
-        elevation = stage.elevation if self._aim is Aim.TRACKING else _ELEVATION
+        seen = {Aim.SCENE: tracking, Aim.SENSORS: np.concatenate([sensors, *pictures])}.get(self._aim, both)
+        elevation = stage.elevation if self._aim is Aim.SCENE else _ELEVATION
         camera.put(layout.frame(seen, fov=FOV, aspect=camera.aspect, elevation=elevation))
 
     def _look_at_large(self, plane: Plane) -> None:

@@ -27,7 +27,8 @@ class LabelCamera:
 
     Attributes:
         position: (3,) position in the view's space [m].
-        R: (3, 3) rotation; its rows are the camera's directions to the right, up and forwards in the view's space.
+        R: (3, 3) orthonormal; its rows are the camera's directions to the right, up and forwards in the view's space,
+            so its determinant is −1. A point p has the camera coordinates R @ (p − position).
         px_per_m: size on the screen of 1 m at a distance of 1 m [px].
     """
 

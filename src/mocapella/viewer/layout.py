@@ -1,4 +1,4 @@
-"""Layout of the 3D scene: the Tracking stage in front, and the raised Sensors gallery behind it.
+"""Layout of the 3D scene: the Scene stage in front, and the raised Sensors gallery behind it.
 
 All positions are in the *view's space* [m]: y is up, and the browser's camera looks along +z, so that +x is to the left
 of the screen, as in a sensor's camera space. The floor of a stage is at y = 0.
@@ -76,7 +76,7 @@ def lane_origins(count: int) -> Float64:
 
 
 def tracking_box() -> BoundingBox:
-    """Return the extent of the Tracking stage, which shows people life-size."""
+    """Return the extent of the Scene stage, which shows people life-size."""
     half = TRACKING_WIDTH_M / 2
     return BoundingBox(
         np.array([-half, 0.0, -BEHIND_SENSOR_M]), np.array([half, PERSON_HEIGHT_M, TRACKING_DEPTH_M - BEHIND_SENSOR_M])
@@ -98,7 +98,7 @@ def sensors_box(count: int) -> BoundingBox:
 
 
 def stage_centre() -> tuple[float, float, float]:
-    """Return the position (3,) of the Tracking stage's centre, at the height of a chest [m]."""
+    """Return the position (3,) of the Scene stage's centre, at the height of a chest [m]."""
     return 0.0, 0.6 * PERSON_HEIGHT_M, TRACKING_DEPTH_M / 2 - BEHIND_SENSOR_M
 
 

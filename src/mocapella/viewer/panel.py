@@ -55,13 +55,13 @@ class Aim(StrEnum):
 
     Attributes:
         BOTH: the stage, the sensors' lanes, and the cameras' pictures.
-        TRACKING: the stage.
+        SCENE: the stage.
         SENSORS: the sensors' lanes, and the cameras' pictures.
         EYES: the stage from the pose of the sensor that is chosen as perspective; if none is, of the default one.
     """
 
     BOTH = "Both"
-    TRACKING = "Tracking"
+    SCENE = "Scene"
     SENSORS = "Sensors"
     EYES = "Sensor's eyes"
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from mocapella.model.conditions import conditions, is_warning, problems, trouble
 from mocapella.model.frame_types import FRAME_TYPES
+from mocapella.model.names import plural
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Person, Phase, Scene, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
@@ -44,7 +45,7 @@ def status_html(status: SessionStatus | None) -> str:
     title, colour = status.phase.capitalize(), _PHASE_COLOUR.get(status.phase, _GREY)
     if status.getting_ready:
         title, colour = GETTING_READY, _BLUE
-    counts, sensors = status.counts, _plural(len(status.sensors), "sensor", "sensors")
+    counts, sensors = status.counts, plural(len(status.sensors), "sensor", "sensors")
     if status.running and silent:
         colour, sensors = _AMBER, f"{len(status.sensors) - len(silent)} of {sensors}"
         if len(silent) == len(status.sensors):
@@ -87,8 +88,8 @@ def _counted(counts: Mapping[str, int]) -> str:
     for name, count in counts.items():
         kind = PART_TYPES.get(name)
         if kind is not None and kind.counted is not None and (count or name == next(iter(counts))):
-            said.append(_plural(count, *kind.counted))
-    return " · ".join(said) or _plural(0, "person", "people")
+            said.append(plural(count, *kind.counted))
+    return " · ".join(said) or plural(0, "person", "people")
 
 
 def _none_of(counts: Mapping[str, int]) -> str:
@@ -98,7 +99,7 @@ def _none_of(counts: Mapping[str, int]) -> str:
 
 
 def stage_text(status: SessionStatus | None) -> str:
-    """Return the reason why the Tracking stage is empty, in one line; ``status`` is None without a server."""
+    """Return the reason why the Scene stage is empty, in one line; ``status`` is None without a server."""
     if status is None:
         return "No server"
     if status.running and status.sensors and len(_silent(status)) == len(status.sensors):
@@ -213,7 +214,7 @@ def _silent(status: SessionStatus) -> dict[str, str]:
 def _detail(status: SessionStatus, silent: Mapping[str, str]) -> str:
     parts = []
     if status.phase == Phase.WAITING_FOR_SENSORS and status.sensors_missing:
-        parts.append(f"{_plural(status.sensors_missing, 'sensor', 'sensors')} missing")
+        parts.append(f"{plural(status.sensors_missing, 'sensor', 'sensors')} missing")
     if status.phase == Phase.CALIBRATING and status.frames_remaining:
         parts.append(f"{_to_go(status)}: stand still")
     parts += _conditions(status, silent)
@@ -247,7 +248,7 @@ def people_html(people: tuple[Person, ...]) -> str:
         f'<span style="color:{person_colour(person.id).css}">●</span> '
         f"<b>{escape(person.name or f'Person {person.id}')}</b></span>"
         f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id} · " if person.name else ""}'
-        f"{_plural(len(person.views), 'view', 'views')}</span></div>"
+        f"{plural(len(person.views), 'view', 'views')}</span></div>"
         f'<div style="font-size:12px;color:{_GREY};overflow-wrap:anywhere">{_seen_by(person)}</div>'
         for person in people
     )
@@ -269,7 +270,7 @@ def _sensor_row(row: SensorHealth, colour: Rgb, place: SensorPlace | None, *, be
     if kind is None or kind.counted is None:
         seen = escape(row.sends if kind is None else kind.shown or kind.name)
     else:
-        seen = _plural(row.bodies, *kind.counted)
+        seen = plural(row.bodies, *kind.counted)
     facts = [seen, f"{row.rate_hz:.1f} Hz"]
     if row.latency is not None and not row.silent:
         facts.append(f"latency {row.latency * 1000:.1f} ms")
@@ -331,10 +332,6 @@ def _health(row: SensorHealth) -> tuple[str, str]:
 
 def _note(content: str, colour: str) -> str:
     return f'<div style="padding:2px 12px 8px;{_SMALL};color:{colour}">{content}</div>'
-
-
-def _plural(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
 
 
 def _duration(seconds: float) -> str:

@@ -63,8 +63,9 @@ class RoomView:
     def T_perspective_world(self, person: Person) -> Float64 | None:  # noqa: N802 - the field's notation
         """Return the transform (4, 4) from a person's world to the perspective's camera space.
 
-        None if the perspective's sensor has no known pose and never saw the person. A method may use a separate world
-        for each person (see `mocapella.viewer.perspective`).
+        For `FREE`, it is `Perspectives.T_free_world`, the same for every person. None if the perspective's sensor has
+        no known pose and never saw the person. A method may use a separate world for each person (see
+        `mocapella.viewer.perspective`).
         """
         return self.seen.from_world(person, self.perspective)
 

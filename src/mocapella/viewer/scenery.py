@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 PROP: Final = "scenery"
 """Name of the prop, a function given to the view, that returns a `Scenery`."""
 _OPACITY: Final = 0.32
-"""Opacity of obstacles on the Tracking stage, so that people behind them are visible."""
+"""Opacity of obstacles on the Scene stage, so that people behind them are visible."""
 _DECIMALS: Final = 3
 """Decimals of an obstacle's rounded pose [m]; smaller changes do not redraw it."""
 

@@ -1,4 +1,4 @@
-"""The marks of the sensors on the Tracking stage: pose, colour, label and field of view."""
+"""The marks of the sensors on the Scene stage: pose, colour, label and field of view."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class TrackingDrawing:
-    """Content of the Tracking stage in one perspective, in the view's space.
+    """Content of the Scene stage in one perspective, in the view's space.
 
     Attributes:
         bones, joints: strokes of bones or lines, and of balls.
@@ -167,4 +167,4 @@ class Stage:
 
 def enlarged_title(drawing: TrackingDrawing, perspective: str) -> str:
     """Return the title of a stage with enlarged content, which names the scale; the same for every perspective."""
-    return f"Tracking · {drawing.scale:.1f} times as large"
+    return f"Scene · {drawing.scale:.1f} times as large"

@@ -77,7 +77,7 @@ def _sensor_marks(scene: Scene | None, perspective: str, seen: Perspectives, T_s
 
 def room_title(drawing: TrackingDrawing, perspective: str) -> str:
     """Return the stage's title: the frame of reference, the people who cannot be shown in it, and remarks."""
-    title = "Tracking · world frame" if perspective == FREE else f"Tracking · camera frame of {perspective}"
+    title = "Scene · world frame" if perspective == FREE else f"Scene · camera frame of {perspective}"
     if drawing.unseen and drawing.sensors[perspective].standing is PlaceState.UNKNOWN:
         return f"{title} (not calibrated yet: look from another sensor, or free)"
     unseen = [f"never saw {', '.join(drawing.unseen)}"] if drawing.unseen else []

@@ -1,4 +1,4 @@
-"""Scene nodes of the Tracking stage in one browser, because each browser may have another perspective."""
+"""Scene nodes of the Scene stage in one browser, because each browser may have another perspective."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def tracking_title(stage: Stage, drawing: TrackingDrawing, perspective: str) -> 
 
 
 class TrackingStage:
-    """The Tracking stage in one browser's 3D scene: people, meshes, trails, sensors, labels and the floor.
+    """The Scene stage in one browser's 3D scene: people, meshes, trails, sensors, labels and the floor.
 
     A drawing that is already shown is not sent again.
 
