@@ -5,19 +5,24 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Walker, errors, standing_at
 
 from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, inverse
+from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import Arrival, JointState, body_frame
 from mocapella.model.scene import Phase, Scene
+from mocapella.model.session import SensorPose
 from mocapella.schema import encode_scene
 from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
-from mocapella.tracker.default import DefaultTracker
+from mocapella.tracker.default import DefaultTracker, approached
 from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.people import SMOOTHING, PeopleSettings
 
@@ -307,6 +312,50 @@ def test_nobody_jumps_while_a_sensor_is_placed_better_whichever_sent_the_first_f
     assert place is not None
     assert np.linalg.norm(place[:3, 3] - off[:3, 3]) > 0.1  # it was placed better
     assert np.linalg.norm(np.diff(middles[10:], axis=0), axis=-1).max() < 0.05
+
+
+def test_nobody_jumps_when_the_floor_is_found() -> None:
+    reported = {name: SensorPose(0.0, float(T[1, 3]) + 0.1) for name, T in PLACES.items()}
+    scenes = run(DefaultTracker(sensors_expected=2, sensors=reported), frames({1: Walker()}, 6.0, noise=0.005))
+    places = [next(place for place in scene.sensors if place.sensor == "front").T_world_sensor for scene in scenes[20:]]
+    heights = np.array([place[1, 3] for place in places if place is not None])
+    assert heights.max() - heights[0] > 0.02  # it is found elsewhere
+    assert np.abs(np.diff(heights)).max() < 0.006
+
+
+@given(
+    twists=st.lists(arrays(np.float64, 6, elements=st.floats(-0.02, 0.02)), min_size=1, max_size=3),
+    elapsed_s=st.floats(0.02, 0.2),
+)
+def test_poses_approach_wanted_ones_and_arrive(twists: list[np.ndarray], elapsed_s: float) -> None:
+    wanted = [FRONT, SIDE, BACK][: len(twists)]
+    poses = [exp_twist(twist) @ T for twist, T in zip(twists, wanted, strict=True)]
+    off = [np.linalg.norm(log_motion(want @ inverse(T))) for want, T in zip(wanted, poses, strict=True)]
+    for _ in range(round(2.0 / elapsed_s)):
+        poses = approached(poses, wanted, elapsed_s)
+        now = [np.linalg.norm(log_motion(want @ inverse(T))) for want, T in zip(wanted, poses, strict=True)]
+        assert all(n <= o + 1e-12 for n, o in zip(now, off, strict=True))
+        off = now
+    assert all(T is want for T, want in zip(poses, wanted, strict=True))
+
+
+def test_a_pose_that_is_far_off_is_replaced_at_once_and_without_time_none_moves() -> None:
+    near, far = exp_twist([0.01, 0, 0, 0, 0, 0]) @ FRONT, exp_twist([1.0, 0, 0, 0, 0, 0]) @ SIDE
+    now = approached([near, far], [FRONT, SIDE], 0.0)
+    np.testing.assert_allclose(now[0], near, atol=1e-12)
+    assert now[1] is SIDE
+
+
+@pytest.mark.parametrize("elapsed", [200, 400])
+def test_a_snapshot_of_poses_under_way_goes_on_alike(elapsed: int) -> None:
+    off = SIDE.copy()
+    off[:3, 3] += (0.08, 0.03, -0.05)
+    arrivals = frames({1: Walker()}, 8.0, noise=0.005)
+    one, two = told({"front": FRONT, "side": off}), DefaultTracker(sensors_expected=2)
+    run(one, arrivals[:elapsed])
+    two.restore(one.snapshot())
+    for arrival in arrivals[elapsed:]:
+        assert encode_scene(one.update(arrival)) == encode_scene(two.update(arrival))
 
 
 def test_one_sensor_alone_is_enough_to_track_and_says_that_it_is_alone() -> None:
