@@ -66,3 +66,12 @@ def test_what_says_nothing_says_nothing(what):
     found = [one.overlap for one in meetings(seen, rig) if "c1" in one.cameras]
     assert np.isnan(found).all()
     assert disagreements(meetings(seen, rig)) == []
+
+
+def test_silhouettes_at_a_coarser_step_meet_as_well():
+    fine = silhouettes_of(MESH, RIG, pose_at(MESH))
+    coarse = {
+        name: msgspec.structs.replace(one, step_px=2 * one.step_px, phi=np.ascontiguousarray(one.phi[::2, ::2]))
+        for name, one in fine.items()
+    }
+    assert [one.overlap > 0.9 for one in meetings(coarse, RIG)] == [True] * 3
