@@ -5,16 +5,12 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Walker, errors, standing_at
 
 from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, inverse
-from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import Arrival, JointState, body_frame
 from mocapella.model.scene import Phase, Scene
@@ -22,7 +18,7 @@ from mocapella.model.session import SensorPose
 from mocapella.schema import encode_scene
 from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
-from mocapella.tracker.default import DefaultTracker, approached
+from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.people import SMOOTHING, PeopleSettings
 
@@ -321,29 +317,6 @@ def test_nobody_jumps_when_the_floor_is_found() -> None:
     heights = np.array([place[1, 3] for place in places if place is not None])
     assert heights.max() - heights[0] > 0.02  # it is found elsewhere
     assert np.abs(np.diff(heights)).max() < 0.006
-
-
-@given(
-    twists=st.lists(arrays(np.float64, 6, elements=st.floats(-0.02, 0.02)), min_size=1, max_size=3),
-    elapsed_s=st.floats(0.02, 0.2),
-)
-def test_poses_approach_wanted_ones_and_arrive(twists: list[np.ndarray], elapsed_s: float) -> None:
-    wanted = [FRONT, SIDE, BACK][: len(twists)]
-    poses = [exp_twist(twist) @ T for twist, T in zip(twists, wanted, strict=True)]
-    off = [np.linalg.norm(log_motion(want @ inverse(T))) for want, T in zip(wanted, poses, strict=True)]
-    for _ in range(round(2.0 / elapsed_s)):
-        poses = approached(poses, wanted, elapsed_s)
-        now = [np.linalg.norm(log_motion(want @ inverse(T))) for want, T in zip(wanted, poses, strict=True)]
-        assert all(n <= o + 1e-12 for n, o in zip(now, off, strict=True))
-        off = now
-    assert all(T is want for T, want in zip(poses, wanted, strict=True))
-
-
-def test_a_pose_that_is_far_off_is_replaced_at_once_and_without_time_none_moves() -> None:
-    near, far = exp_twist([0.01, 0, 0, 0, 0, 0]) @ FRONT, exp_twist([1.0, 0, 0, 0, 0, 0]) @ SIDE
-    now = approached([near, far], [FRONT, SIDE], 0.0)
-    np.testing.assert_allclose(now[0], near, atol=1e-12)
-    assert now[1] is SIDE
 
 
 @pytest.mark.parametrize("elapsed", [200, 400])

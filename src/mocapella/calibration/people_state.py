@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.time_offset import TimeOffset
+from mocapella.model.scene import SensorPlace
 
 Float64 = NDArray[np.float64]
 
@@ -36,6 +37,11 @@ class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
     trusted: bool
     quality: str
     condition: str
+
+    def place(self, T_world_sensor: Float64 | None) -> SensorPlace:
+        """Return the sensor's place for a scene, with the pose ``T_world_sensor`` (4, 4) in use; None if unknown."""
+        sd_m, sd_rad = (float(np.sqrt(np.trace(part))) for part in (self.covariance[:3, :3], self.covariance[3:, 3:]))
+        return SensorPlace(self.sensor, T_world_sensor, sd_m, sd_rad, self.quality, self.condition)
 
 
 class PeopleState(msgspec.Struct, frozen=True, eq=False):

@@ -14,7 +14,7 @@ See docs/methods/default.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, Final
 
@@ -38,7 +38,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.fusion.facing import FacingMemory
 from mocapella.fusion.joint_bias import JointBiasModel, shipped_model
 from mocapella.geometry.rigid import inverse
-from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.geometry.rigid_approach import approached
 from mocapella.model.arms import ArmFrame
 from mocapella.model.bodies import Bodies
 from mocapella.model.images import ImageFrame
@@ -69,15 +69,6 @@ from mocapella.tracker.people_bodies import PeopleBodies
 from mocapella.tracker.people_memory import PeopleMemory
 from mocapella.tracker.people_update import associate_and_fuse
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
-
-_APPROACH_S: Final = 0.3
-"""Time constant of the approach to refined poses [s]."""
-_APPROACH_M_S: Final = 0.1
-"""Least speed of the approach, at a distance of `_REACH_M` [m/s]."""
-_REACH_M: Final = 4.0
-"""Distance at which the motion of a pose is judged [m]."""
-_AT_ONCE_M: Final = 0.5
-"""A pose that is farther off is replaced at once [m]."""
 
 
 class DefaultTracker:
@@ -398,17 +389,9 @@ class DefaultTracker:
         associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, corrections, at_s=at_s, now_s=self._now_s)
 
     def _sensor_places(self) -> tuple[SensorPlace, ...]:
-        return tuple(
-            SensorPlace(
-                name,
-                self._T_world_root @ self._T_root_sensor[name] if name in self._T_root_sensor else None,
-                float(np.sqrt(np.trace(sensor.covariance[:3, :3]))),
-                float(np.sqrt(np.trace(sensor.covariance[3:, 3:]))),
-                sensor.quality,
-                sensor.condition,
-            )
-            for name, sensor in self._calibration.state.sensors.items()
-        )
+        used = self._T_root_sensor
+        sensors = self._calibration.state.sensors.items()
+        return tuple(one.place(self._T_world_root @ used[name] if name in used else None) for name, one in sensors)
 
     def _stand(self, heard: Heard) -> TrackerState:
         missing = self._sensors_expected - len(heard.newest)
@@ -438,11 +421,7 @@ class DefaultTracker:
         anew = self._views is None or bool(self._tracks.merged)
         known = self._views if self._views is not None and not anew else {}
         usable = [
-            (
-                sensor,
-                column,
-                self._views_of(sensor, column, heard, people, results) if anew or sensor == heard.sensor else (),
-            )
+            (sensor, column, self._views_of(sensor, heard, people, results) if anew or sensor == heard.sensor else ())
             for sensor, column in sorted(zip(people.sensors, range(len(people.sensors)), strict=True))
             if sensor in heard.newest and sensor in self._T_root_sensor
         ]
@@ -459,20 +438,10 @@ class DefaultTracker:
         self._views = dict(zip(people.numbers, views, strict=True))
         return views
 
-    def _views_of(
-        self, sensor: str, column: int, heard: Heard, people: People, results: PeopleResults
-    ) -> list[PotentialSkeleton]:
+    def _views_of(self, sensor: str, heard: Heard, people: People, results: PeopleResults) -> list[PotentialSkeleton]:
         """Return the sensor's newest view of each row of people."""
-        frame, memory = heard.newest[sensor].frame, people.memory
-        T, pose = self._T_world_root @ self._T_root_sensor[sensor], self._poses.get(sensor, frame)
-        views = zip(
-            memory.view_id[:, column].tolist(), results.views[:, column], memory.view_states[:, column].copy(),
-            memory.view_mirrored[:, column].tolist(), strict=True,
-        )  # fmt: skip
-        return [
-            PotentialSkeleton(sensor, body, frame.time_ns, pose.tilt, pose.height, T, positions, states, mirrored)
-            for body, positions, states, mirrored in views
-        ]
+        T, frame = self._T_world_root @ self._T_root_sensor[sensor], heard.newest[sensor].frame
+        return people.views_of(results, sensor, frame.time_ns, self._poses.get(sensor, frame), T)
 
     def _scene(self, arrival: Arrival) -> Scene:
         step, self._steps = self._steps, self._steps + 1
@@ -484,25 +453,6 @@ class DefaultTracker:
             state = msgspec.structs.replace(state, reason=reason)
             places = tuple(sorted((*places, *cameras), key=lambda place: place.sensor))
         return scene_at(arrival, step, state, parts, topology=self._arrivals.topology, sensors=places)
-
-
-def approached(poses: Sequence[Float64], wanted: Sequence[Float64], elapsed_s: float) -> list[Float64]:
-    """Move poses towards wanted ones along screw motions: exponentially, and at a least speed.
-
-    Args:
-        poses, wanted: transforms (4, 4), one for each pose.
-        elapsed_s: elapsed time [s].
-
-    Returns:
-        The poses. One that arrives, or is farther off than `_AT_ONCE_M`, is the wanted one itself.
-    """
-    now, goal = np.stack(poses), np.stack(wanted)
-    off = log_motion(goal @ inverse(now))
-    off_m = np.linalg.norm(off[:, :3], axis=1) + _REACH_M * np.linalg.norm(off[:, 3:], axis=1)
-    part = np.maximum(-np.expm1(-elapsed_s / _APPROACH_S), _APPROACH_M_S * elapsed_s / np.maximum(off_m, 1e-9))
-    moved = exp_twist(part[:, None] * off) @ now
-    arrives = (off_m < 1e-9) | (part >= 1) | (off_m > _AT_ONCE_M)
-    return [want if there else T for want, T, there in zip(wanted, moved, arrives.tolist(), strict=True)]
 
 
 @lru_cache(maxsize=64)
@@ -522,13 +472,9 @@ _REMEMBERED: Final = (
     PeopleCalibrationSettings,
     ColdStart,
     Component,
-    Floor,
-    FloorFromFeet,
+    *(Floor, FloorFromFeet),
     JumpSettings,
-    PairCalibration,
-    PairEstimate,
-    PairOfSensors,
-    PairSettings,
+    *(PairCalibration, PairEstimate, PairOfSensors, PairSettings),
     PeopleState,
     PlacedSensor,
     *(SensorLayout, LayoutPair, LayoutSensor),

@@ -29,6 +29,9 @@ from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_body import conditions_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
+from mocapella.model.observations import BodyFrame
+from mocapella.model.scene import PotentialSkeleton
+from mocapella.model.session import SensorPose
 from mocapella.model.topology import Topology
 from mocapella.settings import check
 from mocapella.smoothing.kalman import KalmanSettings
@@ -269,6 +272,28 @@ class People:
             np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
         )
         return PeopleResults(*results)
+
+    def views_of(
+        self, results: PeopleResults, sensor: str, time_ns: int, pose: BodyFrame | SensorPose, T: Float64
+    ) -> list[PotentialSkeleton]:
+        """Return a sensor's view of each row of people, for a scene; arbitrary where ``results.fresh`` is False.
+
+        Args:
+            results: of `results`, from this state.
+            sensor: name of the sensor.
+            time_ns: capture time of its newest frame, in the sensor's clock [ns].
+            pose: tilt and height of the sensor.
+            T: (4, 4) from the sensor's space to the space of the results.
+        """
+        m, column = self.memory, self._column(sensor)
+        views = zip(
+            m.view_id[:, column].tolist(), results.views[:, column], m.view_states[:, column].copy(),
+            m.view_mirrored[:, column].tolist(), strict=True,
+        )  # fmt: skip
+        return [
+            PotentialSkeleton(sensor, body, time_ns, pose.tilt, pose.height, T, positions, states, mirrored)
+            for body, positions, states, mirrored in views
+        ]
 
     def conditions(self) -> list[str]:
         """Return a text for each row: the joints that sensors have long measured beyond the body model's limits.
