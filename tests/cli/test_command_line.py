@@ -29,6 +29,7 @@ DEFAULTS_DIFFER = {
 """Options with more than one default, each with the reason."""
 HELP_DIFFERS = {
     "--folds": "one of the two keeps the models",
+    "--out": "a study log is never overwritten",
 }
 """Options with more than one meaning, each with the reason."""
 

@@ -92,17 +92,18 @@ def test_a_terminal_that_is_closed_ends_the_program_in_order() -> None:
     hang_up = getattr(signal, "SIGHUP", None)
     if hang_up is None:
         pytest.skip("this system has no terminals that hang up")
-    with stop_on_signals() as stop:
-        signal.raise_signal(hang_up)
-        assert stop.wait(30.0)
-        assert not stop.died.is_set()
-    ignored = signal.signal(hang_up, signal.SIG_IGN)  # as nohup does
+    before = signal.signal(hang_up, signal.SIG_DFL)  # the tests may run under nohup
     try:
+        with stop_on_signals() as stop:
+            signal.raise_signal(hang_up)
+            assert stop.wait(30.0)
+            assert not stop.died.is_set()
+        signal.signal(hang_up, signal.SIG_IGN)  # as nohup does
         with stop_on_signals() as stop:
             signal.raise_signal(hang_up)
             assert not stop.is_set()
     finally:
-        signal.signal(hang_up, ignored)
+        signal.signal(hang_up, before)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -172,7 +172,7 @@ View = Annotated[
     bool,
     typer.Option(
         "--view/--no-view",
-        help="Show the live view in the browser; by default if tracking is live.",
+        help="Serve the live view, whose URL is printed; by default if tracking is live.",
         show_default=False,
     ),
 ]
