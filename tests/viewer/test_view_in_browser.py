@@ -180,8 +180,7 @@ def test_the_canvas_shows_people_in_their_colours_sensors_in_theirs_and_the_fuse
         return figures(server, pixels).min() > 0.5 and np.ptp(whites, axis=1).max() < 25
 
     shown = settled(tab, all_there)
-    ARTIFACTS.mkdir(exist_ok=True)
-    tab.page.screenshot(path=ARTIFACTS / "view-test.png")
+    keep_picture(tab, "view-test.png")
     server.empty = True
 
     def nobody_there(pixels):
@@ -215,8 +214,17 @@ def settled(tab, as_wanted):
         shots[:] = [tab.pixels()]
         return as_wanted(shots[0])
 
-    until(tab, wanted, "the picture is as wanted")
+    try:
+        until(tab, wanted, "the picture is as wanted")
+    except AssertionError:
+        keep_picture(tab, "view-not-as-wanted.png")
+        raise
     return shots[0]
+
+
+def keep_picture(tab, name):
+    ARTIFACTS.mkdir(exist_ok=True)
+    tab.page.screenshot(path=ARTIFACTS / name)
 
 
 def figures(server, pixels):
