@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mocapella.model.skeleton import SKELETON, skeleton_mapping
+from mocapella.model.topology import topology
 from mocapella.recording.body_csv import read_body_csv
 from mocapella.recording.study_log import read_study_log
 
@@ -77,3 +78,30 @@ def test_joints_of_the_same_name_are_elsewhere(azure_and_vicon: Path, kinect: di
     bones = [float(np.nanmedian(np.linalg.norm(b - a, axis=-1))) for a, b in pairwise(spine)]
     named = dict(zip((f"{a}–{b}" for a, b in pairwise(SPINE)), np.array(bones) / sum(bones[:2]), strict=True))
     assert named["SpineShoulder–Neck"] > 4 * kinect["SpineShoulder–Neck"].max()
+
+
+PARTS = (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
+BONES = [*pairwise(SPINE), *((a + side, b + side) for a, b in PARTS for side in ("Left", "Right"))]
+
+
+def scatter(positions: NDArray[np.float64]) -> tuple[float, float]:
+    """Standard deviation of the size of skeletons (frames, 25, 3), and of their bones' proportions [ratio]."""
+    lengths = np.stack(
+        [np.linalg.norm(positions[:, SKELETON.index(a)] - positions[:, SKELETON.index(b)], axis=-1) for a, b in BONES]
+    )
+    relative = np.log(lengths / np.nanmedian(lengths, axis=1, keepdims=True))
+    size = np.nanmedian(relative, axis=0)
+    return float(size.std()), float(np.nanmean(np.nanstd(relative - size, axis=1)))
+
+
+def test_skeletons_of_fixed_proportions_change_their_size(azure_and_vicon: Path, kinect_v2_gestures: Path) -> None:
+    """So the topology says; the body model follows their joints closely and their size, see docs/sensors.md."""
+    rigid, mapping = topology("azure_kinect"), skeleton_mapping("azure_kinect")
+    assert mapping is not None
+    rows = read_body_csv(azure_and_vicon / "azure_positions.csv.gz")
+    size, proportions = scatter(mapping.positions(rows.positions.astype(np.float64)))
+    gestures = [read_body_csv(kinect_v2_gestures / f"{name}.csv.gz").positions for name in GESTURES]
+    others = [scatter(positions.astype(np.float64)) for positions in gestures]
+    assert proportions < rigid.noise * np.mean([other for _, other in others])
+    assert 0.5 * rigid.scale_sd < size < 2 * rigid.scale_sd
+    assert max(other for other, _ in others) < 0.5 * rigid.scale_sd

@@ -125,6 +125,8 @@ def test_the_field_of_view_is_the_files_and_else_the_stated_one() -> None:
     ("old", "new", "message"),
     [
         ("[parts]", "field_of_view_deg = [70, 180]\n[parts]", r"field_of_view_deg is \[70.0, 180.0\].*below 180"),
+        ("[parts]", "noise = 0\n[parts]", r"noise is 0.0.*from 0.01 to 100"),
+        ("[parts]", "scale_sd = 0.5\n[parts]", r"scale_sd is 0.5.*below 0.5"),
         ('["Root", "R"]]', '["Root", "X"]]', "a bone names 'X'; joints are Root, L, R"),
         ('mirror = [["L", "R"]]', 'mirror = [["L", "Y"]]', "a mirror pair names 'Y'"),
         ('root = "Root"', 'root = "Roof"', r"part root names 'Roof'.*did you mean Root\?"),

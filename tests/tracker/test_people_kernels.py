@@ -12,7 +12,7 @@ from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y
 from mocapella.tracker import people_kernels as kernels
 from mocapella.tracker.people import People, PeopleSettings
-from mocapella.tracker.people_memory import FacingResults, PeopleParameters, PointArrays, ViewArrays
+from mocapella.tracker.people_memory import FacingResults, PeopleMemory, PeopleParameters, PointArrays, ViewArrays
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -155,3 +155,27 @@ def test_a_person_whose_views_are_all_too_old_is_measured_nowhere(age_s: float) 
     )  # fmt: skip
     assert np.isnan(measured).all()
     assert np.isposinf(variances).all()
+
+
+@given(
+    ages=st.lists(st.floats(0.0, 0.3), min_size=2, max_size=2),
+    rigidity=st.lists(st.tuples(st.floats(0.1, 2.0), st.floats(0.0, 0.1)), min_size=2, max_size=2),
+)
+def test_a_person_is_as_rigid_as_the_least_rigid_view_in_use(
+    ages: list[float], rigidity: list[tuple[float, float]]
+) -> None:
+    people = People(PeopleSettings(), KINECT_V2)
+    people.sensors, people.numbers = ["front", "side"], [7]
+    people.memory = people.memory.resized([], 1, 2)
+    m = people.memory
+    m.view_at[0], m.view_rigidity[0] = 1.0 - np.array(ages), rigidity
+    used = [one for one, age in zip(rigidity, ages, strict=True) if 1.0 - (1.0 - age) <= 0.12]
+    found = kernels.rigidity_of(np.zeros(1, np.int64), 1.0, 0.12, m.views)
+    np.testing.assert_array_equal(found, [np.max(used, axis=0) if used else np.zeros(2)])
+
+
+def test_the_memory_of_a_version_without_rigidity_is_taken() -> None:
+    memory = People(PeopleSettings(), KINECT_V2).memory.resized([], 2, 3)
+    older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name != "view_rigidity"})
+    older.check(2, 3, len(KINECT_V2), memory.body.shape[1])
+    np.testing.assert_array_equal(older.view_rigidity, np.zeros((2, 3, 2)))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics import articulated_memory as at
+from mocapella.kinematics.articulated_memory import Rigidity
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.topology import Topology
 
@@ -97,7 +98,8 @@ class ArticulatedBody:
         x, v = np.empty((joints, 3)), np.empty(joints)
         measured = np.ascontiguousarray(positions, dtype=np.float64).reshape(joints, 3)
         sure = np.ascontiguousarray(variances, dtype=np.float64).reshape(joints)
-        _kernels().correct(self.model.arrays, self.memory[0], float(at_s), measured, sure, x, v)
+        rigid = Rigidity(1.0, self.model.parameters.scale_sd)
+        _kernels().correct(self.model.arrays, self.memory[0], float(at_s), measured, sure, rigid, x, v)
         return Estimate(self._instant(at_s), x, v)
 
     def predict(self, at_s: float) -> Estimate:

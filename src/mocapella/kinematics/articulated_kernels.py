@@ -10,14 +10,13 @@ contiguous. Importing this module imports numba.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.kinematics import articulated_memory as at
-from mocapella.kinematics.articulated_memory import MemoryLayout
+from mocapella.kinematics.articulated_memory import Measurements, MemoryLayout, Rigidity
 from mocapella.kinematics.articulated_model import ROOT_DOFS, BodyArrays
 from mocapella.kinematics.articulated_pose_kernels import advance, apply_motion, away_from_rest, pin
 from mocapella.kinematics.articulated_scale_kernels import follow_scale, predicted_scale, restart_scale, scale_bones
@@ -47,24 +46,6 @@ LENGTH_PRIOR_S = 0.05
 """Weight of the initial bone lengths, as a duration of measurement [s]."""
 FIRST_VARIANCE = 0.0025
 """Variance of a joint about the estimate while a body is initialised [m²]."""
-
-
-class Measurements(NamedTuple):
-    """The joints of one frame, in the world, and intermediate results that `correct` writes.
-
-    Attributes:
-        positions: (joints, 3) measured [m]; NaN where not measured.
-        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
-        residuals: (joints, 3) measured − estimated [m]; undefined where not measured. Written.
-        weights: (joints,) information [1/m²], the robust weight included; 0 where not measured. Written.
-        robust: (joints,) weights of the robust loss, from 0 to 1; 0 where not measured. Written.
-    """
-
-    positions: Float64
-    variances: Float64
-    residuals: Float64
-    weights: Float64
-    robust: Float64
 
 
 @njit(cache=True, error_model="numpy")
@@ -113,8 +94,8 @@ def _place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Floa
 
 @njit(cache=True, error_model="numpy")
 def correct(
-    model: BodyArrays, row: Float64, at_s: float, measured: Float64, measured_variances: Float64, positions: Float64,
-    variances: Float64,
+    model: BodyArrays, row: Float64, at_s: float, measured: Float64, measured_variances: Float64, rigidity: Rigidity,
+    positions: Float64, variances: Float64,
 ) -> bool:  # fmt: skip
     """Predict a body to the time of measured joints, and correct it by them; the memory is then at that time.
 
@@ -127,6 +108,7 @@ def correct(
         at_s: capture time [s]; a time before the memory's instant counts as that instant.
         measured: (joints, 3) world [m]; NaN where not measured.
         measured_variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
+        rigidity: of the measured skeleton.
         positions: (joints, 3) written: world [m]; NaN while the body is not known.
         variances: (joints,) written: variance of a coordinate [m²]; NaN while the body is not known.
 
@@ -143,13 +125,14 @@ def correct(
         if not initialise(model, row, at_s, measured, measured_variances):
             return bool(predict(model, row, at_s, positions, variances))
     advance(model, row, at_s)
-    frame = Measurements(measured, measured_variances, np.empty((joints, 3)), np.zeros(joints), np.zeros(joints))
+    share = rigidity.noise * rigidity.noise
+    frame = Measurements(measured, measured_variances, share, np.empty((joints, 3)), np.zeros(joints), np.zeros(joints))
     R, total, posterior = np.empty((joints, 9)), np.zeros(layout.dofs), np.empty(layout.dofs)
     excess = np.zeros(joints)
     body, origin = np.empty(9), np.empty(3)
     for k in range(9):
         body[k] = row[layout.rotations + k]
-    scale = follow_scale(model, row, dt, measured, measured_variances) if known else restart_scale(model, row)
+    scale = follow_scale(model, row, dt, frame, rigidity.scale_sd) if known else restart_scale(row, rigidity.scale_sd)
     scale_bones(layout, row, scale)
     surprise, seen = _fit(model, row, frame, known, dt, origin, positions, variances, R, total, posterior, excess)
     scale_bones(layout, row, 1.0 / scale)
@@ -250,7 +233,7 @@ def _weigh(
         s += frame.residuals[j, k] ** 2
     if step == 0 and known:
         _learn_noise(row, jumps, frame.residuals, j, -math.expm1(-dt / model.parameters.noise_s))
-    r = frame.variances[j] + model.joint_values[j, 11] + row[jumps + 3]
+    r = frame.share * (frame.variances[j] + model.joint_values[j, 11]) + row[jumps + 3]
     if step == 0 or not known:
         # Student's t about the prediction; about the estimate itself while the body is initialised.
         expected, nu = r + (variances[j] if known else FIRST_VARIANCE), model.parameters.degrees_of_freedom

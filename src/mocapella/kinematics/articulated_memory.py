@@ -8,6 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
 AT, SEEN, STARTED, LOST_SINCE, RESTLESS, SCALE, SCALE_VARIANCE = 0, 1, 2, 3, 4, 5, 6
 """Indices of the first numbers of a row.
 
@@ -92,3 +97,35 @@ def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: in
     ):
         starts.append(starts[-1] + size)
     return MemoryLayout(dofs, balls, joints, lengths, *starts)
+
+
+class Rigidity(NamedTuple):
+    """How rigid measured skeletons are; see `mocapella.model.topology.Topology`.
+
+    Attributes:
+        noise: factor of the standard deviations of the joints, and of their misfits [ratio].
+        scale_sd: standard deviation of the common factor of all bone lengths; 0 lets it return to 1 [ratio].
+    """
+
+    noise: float
+    scale_sd: float
+
+
+class Measurements(NamedTuple):
+    """The joints of one frame, in the world, and intermediate results that `correct` writes.
+
+    Attributes:
+        positions: (joints, 3) measured [m]; NaN where not measured.
+        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
+        share: factor of the variances and of the joints' squared misfits [ratio].
+        residuals: (joints, 3) measured − estimated [m]; undefined where not measured. Written.
+        weights: (joints,) information [1/m²], the robust weight included; 0 where not measured. Written.
+        robust: (joints,) weights of the robust loss, from 0 to 1; 0 where not measured. Written.
+    """
+
+    positions: Float64
+    variances: Float64
+    share: float
+    residuals: Float64
+    weights: Float64
+    robust: Float64

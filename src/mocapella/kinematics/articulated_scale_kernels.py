@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.kinematics import articulated_memory as at
-from mocapella.kinematics.articulated_memory import MemoryLayout
+from mocapella.kinematics.articulated_memory import Measurements, MemoryLayout
 from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.kinematics.articulated_start_kernels import is_measured
 
@@ -51,14 +51,14 @@ def scale_bones(layout: MemoryLayout, row: Float64, scale: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def restart_scale(model: BodyArrays, row: Float64) -> float:
-    """Set the common factor of the bone lengths in a memory row to 1, with its prior variance; return the factor."""
-    row[at.SCALE], row[at.SCALE_VARIANCE] = 1.0, model.parameters.scale_sd**2
+def restart_scale(row: Float64, scale_sd: float) -> float:
+    """Set the common factor of the bone lengths in a memory row to 1, with its prior; return the factor."""
+    row[at.SCALE], row[at.SCALE_VARIANCE] = 1.0, scale_sd**2
     return 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def follow_scale(model: BodyArrays, row: Float64, dt: float, measured: Float64, variances: Float64) -> float:
+def follow_scale(model: BodyArrays, row: Float64, dt: float, frame: Measurements, scale_sd: float) -> float:
     """Predict the common factor of the bone lengths, correct it by measured joints, and return it.
 
     The bone lengths in ``row`` do not change, see `scale_bones`.
@@ -67,14 +67,15 @@ def follow_scale(model: BodyArrays, row: Float64, dt: float, measured: Float64, 
         model: the body model.
         row: (memory_size,) the body's memory; the factor is changed.
         dt: time since the last update [s].
-        measured: (joints, 3) world [m]; NaN where not measured.
-        variances: (joints,) variance of a coordinate [m²]; not finite where not measured.
+        frame: the measured joints.
+        scale_sd: standard deviation of the factor; 0: it is not measured, and returns to 1 [ratio].
     """
-    parameters, largest = model.parameters, model.parameters.scale_sd**2
-    if largest == 0.0:
-        return 1.0
+    parameters, largest, measured, variances = model.parameters, scale_sd**2, frame.positions, frame.variances
     fade = math.exp(-dt / parameters.scale_s)
     scale: float = predicted_scale(row, dt, parameters.scale_s)
+    if largest == 0.0:
+        row[at.SCALE], row[at.SCALE_VARIANCE] = scale, 0.0
+        return scale
     variance = fade * fade * min(row[at.SCALE_VARIANCE], largest) + (1.0 - fade * fade) * largest
     total, squares, mean, spread, bones = 0.0, 0.0, 0.0, 0.0, 0
     for j in range(model.layout.joints):

@@ -41,6 +41,8 @@ class Topology:
         mirror: for each joint, the index of its mirror image (itself for central joints).
         parts: joint index by role: ``root``, where the bones begin, ``head``, ``shoulder_left``, ``hand_right``, ….
         field_of_view_deg: horizontal and vertical field of view of the sensors with this topology [°].
+        noise: scatter of the proportions of their skeletons' bones, relative to a Kinect v2's [ratio].
+        scale_sd: standard deviation of the size of their skeletons, which changes with the posture [ratio].
         mappings: weights by the name of another topology: each of its joints that this one determines is a weighted
             mean of this one's joints. Weights of a joint sum to 1; they may be negative.
     """
@@ -51,6 +53,8 @@ class Topology:
     mirror: tuple[int, ...]
     parts: dict[str, int]
     field_of_view_deg: tuple[float, float] = UNKNOWN_FIELD_OF_VIEW_DEG
+    noise: float = 1.0
+    scale_sd: float = 0.0
     mappings: Mapping[str, Weights] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -79,6 +83,8 @@ class _TopologyFile(msgspec.Struct, forbid_unknown_fields=True):
     mirror: list[tuple[str, str]]
     parts: dict[str, str]
     field_of_view_deg: tuple[float, float] = UNKNOWN_FIELD_OF_VIEW_DEG
+    noise: float = 1.0
+    scale_sd: float = 0.0
     mapping: dict[str, dict[str, str | dict[str, float]]] = {}
 
 
@@ -88,8 +94,8 @@ def topology_from_toml(text: str, name: str) -> Topology:
     Raises:
         InputError: the text is no TOML, or a field is missing, unknown or of another type.
         SettingsError: a bone, pair or mapping names an unknown joint, there is no root, the bones are not a tree from
-            it, a joint has two mirror images, the field of view is impossible, or a mapping's weights do not sum to 1
-            or differ between left and right.
+            it, a joint has two mirror images, the field of view, noise or size is impossible, or a mapping's weights do
+            not sum to 1 or differ between left and right.
     """
     file = convert(decode_toml(text), _TopologyFile, what=f"topology {name}")
     joints = tuple(file.joints)
@@ -125,7 +131,9 @@ def topology_from_toml(text: str, name: str) -> Topology:
     check(
         0 < across < 180 and 0 < high < 180, f"topology {name}: field_of_view_deg", [across, high], "above 0, below 180"
     )
-    made = Topology(name, joints, bones, tuple(mirror), parts, (across, high))
+    check(0.01 <= file.noise <= 100, f"topology {name}: noise", file.noise, "from 0.01 to 100")
+    check(0 <= file.scale_sd < 0.5, f"topology {name}: scale_sd", file.scale_sd, "from 0 to below 0.5")
+    made = Topology(name, joints, bones, tuple(mirror), parts, (across, high), file.noise, file.scale_sd)
     mappings = {other: weights_from_table(made, topology(other), table) for other, table in file.mapping.items()}
     return replace(made, mappings=mappings)
 

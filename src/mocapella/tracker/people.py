@@ -235,7 +235,7 @@ class People:
         points, views, skeletons = m.points, m.views, m.skeletons
         new = FrameViews(
             rows, column, frame.at_s, frame.positions, frame.states, frame.own_positions, frame.bias,
-            frame.sensor_position, frame.clipped,
+            frame.sensor_position, frame.clipped, frame.noise, frame.scale_sd,
         )  # fmt: skip
         bodies, toward, velocities, dts = kernels.observe(
             new, at_s, self._parameters, fusion, layout, self.R_level, points, views
@@ -252,7 +252,8 @@ class People:
             rows, len(self.sensors), at_s, self._parameters, fusion, layout, self.up, points, views, skeletons
         )
         if self._model is not None:
-            kernels.pose_people(rows, self._model.arrays, m.body, measured, doubts, at_s, m.steady, m.doubts)
+            rigidity = kernels.rigidity_of(rows, at_s, s.view_age_s, views)
+            kernels.pose_people(rows, self._model.arrays, m.body, measured, doubts, at_s, rigidity, m.steady, m.doubts)
         if s.smoothing == "one-euro":
             e = s.one_euro
             kernels.smooth_people(
@@ -445,7 +446,7 @@ class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
         sensor: name of the sensor.
         rows: (bodies,) row of each body's person, each once.
         ids: (bodies,) tracking ids.
-        at_s, positions, states, own_positions, bias, sensor_position, clipped: see
+        at_s, positions, states, own_positions, bias, sensor_position, clipped, noise, scale_sd: see
             `mocapella.tracker.people_memory.FrameViews`.
     """
 
@@ -459,6 +460,8 @@ class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
     bias: Float64
     sensor_position: Float64
     clipped: Bools
+    noise: float = 1.0
+    scale_sd: float = 0.0
 
 
 @cache

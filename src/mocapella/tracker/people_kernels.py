@@ -20,6 +20,7 @@ from mocapella.fusion.view_kernels import follow_offsets, fuse
 from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
+from mocapella.kinematics.articulated_memory import Rigidity
 from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.model.observations import JointState
 from mocapella.smoothing.kalman_kernels import correct, predict
@@ -45,7 +46,7 @@ _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 __all__ = [
     "begin_offsets", "bring", "make", "move", "move_views", "observe", "pose_people", "prepare", "report",
-    "smooth_people", "turn", "turn_views",
+    "rigidity_of", "smooth_people", "turn", "turn_views",
 ]  # fmt: skip
 
 
@@ -348,6 +349,28 @@ def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, vi
 
 
 @njit(cache=True)
+def rigidity_of(rows: Int64, now_s: float, view_age_s: float, views: ViewArrays) -> Float64:
+    """Return the largest noise and size, ``rigidity``, of the views of each person that are recent enough.
+
+    Args:
+        rows: (bodies,) rows of the persons in the frame.
+        now_s: newest capture time so far, on the common clock [s].
+        view_age_s: age of the oldest view in use [s].
+        views: the newest views.
+
+    Returns:
+        (bodies, 2); 0 without a view.
+    """
+    largest = np.zeros((len(rows), 2))
+    for i in range(len(rows)):
+        for c in range(views.at_s.shape[1]):
+            if now_s - views.at_s[rows[i], c] <= view_age_s:
+                for k in range(2):
+                    largest[i, k] = max(largest[i, k], views.rigidity[rows[i], c, k])
+    return largest
+
+
+@njit(cache=True)
 def pose_people(
     rows: Int64,
     model: BodyArrays,
@@ -355,6 +378,7 @@ def pose_people(
     measured: Float64,
     measured_variances: Float64,
     at_s: float,
+    rigidity: Float64,
     steady: Float64,
     doubts: Float64,
 ) -> None:
@@ -366,6 +390,8 @@ def pose_people(
         body: (people, …) state of the body in a row for each person, updated.
         measured, measured_variances: (bodies, joints, 3), (bodies, joints) fused views [m], [m²].
         at_s: newest capture time so far, on the common clock [s].
+        rigidity: (bodies, 2) noise of the skeletons, a factor of the joints' standard deviation, and standard deviation
+            of their size, of which at least the model's counts [ratio].
         steady, doubts: (people, joints, 3), (people, joints) smoothed positions [m] and their variances [m²]; written
             for people with a known pose.
     """
@@ -376,8 +402,9 @@ def pose_people(
             if rows[i] == r:
                 b = i
         if b >= 0:
+            rigid = Rigidity(rigidity[b, 0], max(model.parameters.scale_sd, rigidity[b, 1]))
             known = articulated_kernels.correct(
-                model, body[r], at_s, measured[b], measured_variances[b], positions, variances
+                model, body[r], at_s, measured[b], measured_variances[b], rigid, positions, variances
             )
         else:
             known = articulated_kernels.predict(model, body[r], at_s, positions, variances)

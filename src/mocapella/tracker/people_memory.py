@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,7 @@ class ViewArrays(NamedTuple):
         positions, states, variances: (..., joints, 3) in the space of the people [m], (..., joints) `JointState`,
             (..., joints) variance of a coordinate [m²]; with the sensor's labels.
         noise: (..., joints) learnt noise variance of a coordinate [m²].
+        rigidity: (..., 2) noise and size of the sensor's skeletons, see `FrameViews` [ratio].
         bias: (..., joints, 3) correction of the sensor's bias, to add to the positions [m].
         mirrored: whether the fusion exchanges left and right, as the facing filter decides; without it, ``swapped``.
         swapped: whether left and right must be exchanged so that the sensors agree.
@@ -61,6 +62,7 @@ class ViewArrays(NamedTuple):
     states: UInt8
     variances: Float64
     noise: Float64
+    rigidity: Float64
     bias: Float64
     mirrored: Bools
     swapped: Bools
@@ -119,6 +121,7 @@ class FrameViews(NamedTuple):
         bias: (bodies, joints, 3) correction of the sensor's bias, to add to ``positions`` [m].
         sensor_position: (3,) position of the sensor in the space of the people [m].
         clipped: (bodies,) whether the body is cut off at an edge of the image.
+        noise, scale_sd: how rigid the sensor's skeletons are, see `mocapella.model.topology.Topology` [ratio].
     """
 
     rows: Rows
@@ -130,6 +133,8 @@ class FrameViews(NamedTuple):
     bias: Float64
     sensor_position: Float64
     clipped: Bools
+    noise: float
+    scale_sd: float
 
 
 class FacingResults(NamedTuple):
@@ -225,6 +230,7 @@ class PeopleMemory:
     view_reported: Float64
     view_turn: Float64
     view_offsets: Float64
+    view_rigidity: Float64 = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
@@ -262,10 +268,13 @@ class PeopleMemory:
             view_reported=np.full(V, np.nan),
             view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
+            view_rigidity=np.zeros((*V, 2)),
         )
 
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
-        """Check the arrays of a snapshot; replace the attribute ``body`` of another version's size by one without data.
+        """Check the arrays of a snapshot; replace those of another version by ones without data.
+
+        These are the attribute ``body``, if it has another size, and ``view_rigidity``, which older ones do not have.
 
         The arguments are as in `empty`.
 
@@ -275,6 +284,8 @@ class PeopleMemory:
         empty = PeopleMemory.empty(people, sensors, joints, body)
         if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
             self.body = empty.body
+        if self.view_rigidity.shape == (0,):
+            self.view_rigidity = empty.view_rigidity
         for name, wanted in vars(empty).items():
             found = getattr(self, name)
             if found.shape != wanted.shape or found.dtype != wanted.dtype:
@@ -302,9 +313,9 @@ class PeopleMemory:
     def views(self) -> ViewArrays:
         """Fields of the views, not copies, for the kernels."""
         return ViewArrays(
-            self.view_at, self.view_positions, self.view_states, self.view_variances, self.view_noise, self.view_bias,
-            self.view_mirrored, self.view_swapped, self.view_advantage, self.view_toward, self.view_reported,
-            self.view_turn, self.view_offsets,
+            self.view_at, self.view_positions, self.view_states, self.view_variances, self.view_noise,
+            self.view_rigidity, self.view_bias, self.view_mirrored, self.view_swapped,
+            self.view_advantage, self.view_toward, self.view_reported, self.view_turn, self.view_offsets,
         )  # fmt: skip
 
     @property

@@ -56,5 +56,8 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
     there = np.ascontiguousarray(T[:3, 3])
-    frame_bodies = AssignedBodies(bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped)
+    sensor = frame.topology
+    frame_bodies = AssignedBodies(
+        bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped, sensor.noise, sensor.scale_sd
+    )
     people.update(frame_bodies, now_s)

@@ -92,6 +92,7 @@ def see(
                 positions[r, column], dt, seen[b], seen_states[b], velocities[r], parameters.noise_memory_s,
                 noise[r, column],
             )  # fmt: skip
+        views.rigidity[r, column, 0], views.rigidity[r, column, 1] = frame.noise, frame.scale_sd
         views.at_s[r, column] = frame.at_s
         for j in range(seen.shape[1]):
             states[r, column, j] = seen_states[b, j]
