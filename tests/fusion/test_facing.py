@@ -402,11 +402,11 @@ def test_a_views_worth_is_from_nothing_to_one(seed: int, yaw: float, toward: flo
     assert view_worth(yaw, toward, yaw) >= worth
 
 
-def test_the_best_view_is_from_ahead_with_labels_that_agree() -> None:
-    toward = (0.3, 0.3 + np.pi / 2, 0.3 + np.pi, 0.3, 0.3)
+def test_the_best_view_is_from_ahead_or_behind_with_labels_that_agree() -> None:
+    toward = (0.3, 0.3 + np.pi, 0.3 + np.pi / 2, 0.3, 0.3)
     worth = [view_worth(0.3, a, 0.3 + b) for a, b in zip(toward, (0.0, 0.0, 0.0, 2.0, np.nan), strict=True)]
-    np.testing.assert_allclose(worth, [1, 1 / 3, 1 / 5, 0, 0], atol=1e-12)
-    assert view_worth(0.0, 0.0, np.pi / 4) == pytest.approx(0.5**2)
+    np.testing.assert_allclose(worth, [1, 1, 0, 0, 0], atol=1e-12)
+    assert view_worth(0.0, np.pi / 4, np.pi / 4) == pytest.approx(0.5**3)
 
 
 def yaw_of(body: np.ndarray, left: str, right: str) -> float:

@@ -70,16 +70,16 @@ def wrap(angle: float) -> float:
 
 @njit(cache=True)
 def view_worth(yaw: float, toward: float, reported: float) -> float:
-    """Return a view's weight in the fusion, 0 to 1: cos⁴β / (3 − 2 cos α); 0 where an angle is NaN, or |β| > 90°.
+    """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN, or β is beyond ±90°.
 
-    The variance of a view's joints grows with the angle α between the person's ``yaw`` and the yaw ``toward`` the
-    sensor: from the side, a sensor guesses the far shoulder and hip, and from behind all limbs before the body. β is
-    the error of the yaw ``reported`` by the view's corrected labels. All are in one frame [rad].
+    A sensor that looks along the shoulders only guesses the far one. α is the angle between the person's ``yaw`` and
+    the yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels. All are in one
+    frame [rad].
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
         return 0.0
-    worth: float = max(0.0, off) ** 4 / (3.0 - 2.0 * np.cos(toward - yaw))
+    worth: float = np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4
     return worth
 
 

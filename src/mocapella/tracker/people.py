@@ -78,8 +78,8 @@ class PeopleSettings:
             view's offset is learnt anew, so that it begins at the person's position [m/s].
         sure_sd: largest standard deviation of a facing that changes labels and turns views fully; up to twice as much,
             views are turned in part; larger: uncertain facings are used, too [rad].
-        least_worth: least weight of a view, relative to a frontal one whose yaw agrees with the facing; larger: views
-            from behind, or with a wrong yaw, count more [0 to 1].
+        least_worth: weight of a view from the side, along the line of the shoulders, relative to a frontal one; larger:
+            views from the side count more [0 to 1].
         swap_m: a view's left and right are exchanged if that brings it nearer to the other views by this; used by the
             joint bias, and by the fusion if ``people.facing`` is None; larger: labels change more rarely [m].
         swap_s: time constant over which that distance is averaged; larger: labels change later and more rarely [s].
