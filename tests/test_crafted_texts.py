@@ -6,10 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from mocapella.calibration.sensor_layout import decode_layout, is_layout, load_layout
-from mocapella.errors import MocapellaError
+from mocapella.errors import InputError, MocapellaError
 from mocapella.fusion import facing_model, joint_bias
 from mocapella.model.board import load_board, parse_board
 from mocapella.model.body_builds import mesh_of_build
@@ -21,6 +22,7 @@ from mocapella.recording.take import decode_run
 from mocapella.sensing.colour_profile import decode_profile, load_profile
 from mocapella.sources.depth_files import read_sidecar
 from mocapella.sources.simulate.measured import errors_from_json
+from mocapella.viewer.page_messages import decode_page_message
 from mocapella.wire.questions import read_answer, read_question
 
 DIGITS = b"1" * 5000
@@ -93,3 +95,14 @@ def test_a_refused_file_is_named(reader: str, tmp_path: Path) -> None:
 def test_what_a_file_may_be_is_asked_without_an_error() -> None:
     assert not any(is_layout(content) for content in JSON.values())
     assert not any(is_camera_rig(content) for content in TOML.values())
+
+
+def test_a_field_whose_name_has_control_characters_is_named_in_one_line() -> None:
+    """Also the names of a damaged message's fields come into errors, and from there into logs and terminals."""
+    message = {"type": "ViewerCameraMessage", "fov": 1.0, "fa\n\x1b[2J": 0}
+    with pytest.raises(InputError, match="unknown field") as caught:
+        decode_page_message(msgspec.msgpack.encode(message))
+    assert str(caught.value).isprintable()
+    with pytest.raises(InputError) as caught:
+        raise InputError("has no \r\n end", file="a\nb", field="c\x1b")
+    assert str(caught.value) == r"a\nb: field c\x1b: has no \r\n end"

@@ -28,6 +28,16 @@ import difflib
 from collections.abc import Iterable
 
 
+def visible(text: str, keep: str = "") -> str:
+    """Return the text with control and direction characters as escapes, such as ``\\x1b``, except those in ``keep``.
+
+    A terminal would carry out an escape sequence, and show a name with a direction character in another order.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 class MocapellaError(Exception):
     """Base class of all errors raised on purpose. The message is one line, and says what to do."""
 
@@ -35,7 +45,8 @@ class MocapellaError(Exception):
 class InputError(MocapellaError):
     """A file that cannot be used.
 
-    The message is one line with the known parts: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``.
+    The message is one line with the known parts: ``file: row 12: field Head_X: 'abc': <problem>; <fix>``. Control
+    characters in it, such as from a field's name in a damaged file, are escaped.
 
     Args:
         problem: the fault, as a predicate of the file, such as ``cannot be read``.
@@ -64,7 +75,7 @@ class InputError(MocapellaError):
         parts += [] if row is None else [f"row {row}"]
         parts += [] if field is None else [f"field {field}"]
         parts += [] if value is None else [_shorten(repr(value))]
-        super().__init__(": ".join([*parts, problem]) + (f"; {fix}" if fix else ""))
+        super().__init__(visible(": ".join([*parts, problem]) + (f"; {fix}" if fix else "")))
 
 
 class DamagedTakeError(InputError):

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-from mocapella.model.names import visible
+from mocapella.errors import visible
 
 AGAIN_S: Final = 10.0
 """An error that recurs is reported again after this time at the earliest [s]."""

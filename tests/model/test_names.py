@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.errors import SettingsError
-from mocapella.model.names import as_cell, is_device, of_cell, visible
+from mocapella.errors import SettingsError, visible
+from mocapella.model.names import as_cell, is_device, of_cell
 from mocapella.model.observations import check_sensor_name
 
 

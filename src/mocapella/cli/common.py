@@ -18,8 +18,7 @@ import typer
 from rich.console import Console
 
 from mocapella.cli.command_settings import KeySpec, lines_of_dataclass
-from mocapella.errors import SettingsError, one_of
-from mocapella.model.names import visible
+from mocapella.errors import SettingsError, one_of, visible
 from mocapella.settings import check
 
 if TYPE_CHECKING:

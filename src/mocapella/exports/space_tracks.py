@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import InputError, SettingsError, one_of
-from mocapella.model.names import as_cell, visible
+from mocapella.errors import InputError, SettingsError, one_of, visible
+from mocapella.model.names import as_cell
 from mocapella.model.point_tracks import SpaceTracks
 
 Float64 = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Check names that become files, escape texts from outside for terminals and tables, and count with nouns."""
+"""Check names that become files, escape texts from outside for tables, and count with nouns."""
 
 from __future__ import annotations
 
@@ -13,16 +13,6 @@ _FORMULA: Final = "=+-@"
 def is_device(name: str) -> bool:
     """Whether Windows opens a device, such as ``NUL`` or ``com1.txt``, instead of a file of this name."""
     return _DEVICES.fullmatch(name) is not None
-
-
-def visible(text: str, keep: str = "") -> str:
-    """Return the text with control and direction characters as escapes, such as ``\\x1b``, except those in ``keep``.
-
-    A terminal would carry out an escape sequence, and show a name with a direction character in another order.
-    """
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def as_cell(text: str) -> str:

@@ -14,8 +14,7 @@ from msgspec import Meta
 from viser import _messages
 
 from mocapella.decoding import convert, decode_msgpack
-from mocapella.errors import InputError
-from mocapella.model.names import visible
+from mocapella.errors import InputError, visible
 from mocapella.viewer.page_refusals import PageRefusals
 
 FARTHEST: Final = 1e6
