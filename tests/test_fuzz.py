@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from support.readers import Called, all_readers, codes_of, functions_called, readers
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.part_types import PART_TYPES
 
@@ -147,7 +147,7 @@ class Panic(BaseException):
     ("error", "refused", "escaped"),
     [
         (InputError("is no hand"), 3, 0),
-        (InputError("is no\nhand"), 3, 3),
+        (SettingsError("is no\nhand"), 3, 3),
         (ValueError("too many digits"), 0, 3),
         (RecursionError("too deep"), 0, 3),
         (SyntaxError("no dtype"), 0, 3),

@@ -27,7 +27,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "decoding": {"errors"},
     "settings": {"errors", "decoding", "conventions"},
     "registry": {"errors"},
-    "supervision": {"model"},
+    "supervision": {"errors", "model"},
     "steps": set(),
     "geometry": BASE,
     "model": MODEL,
