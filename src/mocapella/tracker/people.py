@@ -281,12 +281,12 @@ class People:
 
         Args:
             results: of `results`, from this state.
-            sensor: name of the sensor.
+            sensor: name of a known sensor.
             time_ns: capture time of its newest frame, in the sensor's clock [ns].
             pose: tilt and height of the sensor.
             T: (4, 4) from the sensor's space to the space of the results.
         """
-        m, column = self.memory, self._column(sensor)
+        m, column = self.memory, self.sensors.index(sensor)
         views = zip(
             m.view_id[:, column].tolist(), results.views[:, column], m.view_states[:, column].copy(),
             m.view_mirrored[:, column].tolist(), strict=True,
@@ -460,8 +460,8 @@ class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
     bias: Float64
     sensor_position: Float64
     clipped: Bools
-    noise: float = 1.0
-    scale_sd: float = 0.0
+    noise: float
+    scale_sd: float
 
 
 @cache

@@ -268,7 +268,7 @@ class PeopleMemory:
             view_reported=np.full(V, np.nan),
             view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
-            view_rigidity=np.zeros((*V, 2)),
+            view_rigidity=np.tile((1.0, 0.0), (*V, 1)),
         )
 
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:

@@ -56,8 +56,8 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
     there = np.ascontiguousarray(T[:3, 3])
-    sensor = frame.topology
     frame_bodies = AssignedBodies(
-        bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped, sensor.noise, sensor.scale_sd
-    )
+        bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped, frame.topology.noise,
+        frame.topology.scale_sd,
+    )  # fmt: skip
     people.update(frame_bodies, now_s)

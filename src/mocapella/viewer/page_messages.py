@@ -14,7 +14,7 @@ from msgspec import Meta
 from viser import _messages
 
 from mocapella.decoding import convert, decode_msgpack
-from mocapella.errors import InputError, visible
+from mocapella.errors import InputError
 from mocapella.viewer.page_refusals import PageRefusals
 
 FARTHEST: Final = 1e6
@@ -145,7 +145,7 @@ class PageInbox:
             return decode_page_message(data)
         except InputError as error:
             reason = f"a page's message cannot be used: {error}"
-            self._refusals.add("message", visible(reason[:_LONGEST_REASON]))
+            self._refusals.add("message", reason[:_LONGEST_REASON])
             return Refused()
 
 
