@@ -1,12 +1,14 @@
 """What floods, as one process: python -m benchmarks._flooder (slow PORT COUNT | press URL | commands ADDRESS) SECONDS.
 
-It prints its figures as JSON.
+It prints its figures as JSON. It has the lowest priority: others feel its requests, not its own work, which could be
+done on another machine.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import resource
 import selectors
 import socket
@@ -102,5 +104,6 @@ def commands(address: str, seconds: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
+    os.nice(19)
     how = {"slow": slow, "press": press, "commands": commands}[sys.argv[1]]
     print(json.dumps(how(*sys.argv[2:])))

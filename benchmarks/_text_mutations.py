@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 TOKENS: Final = re.compile(rb'"(?:[^"\\\n]|\\.)*"|-?\d[\d.eE+-]*|[A-Za-z_][\w-]*|[\[\]{}(),:=;]')
@@ -46,6 +47,7 @@ def drop_stretch(text: bytes, rng: random.Random, others: Sequence[bytes]) -> by
     return text[:begin] + text[end:]
 
 
+@lru_cache(maxsize=256)
 def _tokens(text: bytes) -> list[tuple[int, int]]:
-    """Places of tokens near a few places of the text: a large one is not searched whole."""
+    """Places of tokens in the beginning of a text: a large one is not searched whole."""
     return [match.span() for match in TOKENS.finditer(text[:20_000])]

@@ -4,7 +4,7 @@ import numpy as np
 from support.standing_people import KINECT
 
 from mocapella.model.bodies import body_name, tracked_bodies
-from mocapella.model.observations import body_frame
+from mocapella.model.observations import JointState, body_frame
 
 
 def test_only_tracked_bodies_count_and_their_order_is_that_of_their_ids() -> None:
@@ -25,6 +25,18 @@ def test_some_of_the_bodies_keep_their_order() -> None:
     assert some.keys == (("front", 4), ("front", 9))
     np.testing.assert_array_equal(some.positions, positions[[0, 2]])
     assert some.states.shape == (2, 25)
+
+
+def test_a_joint_where_the_camera_is_counts_as_not_tracked() -> None:
+    positions = np.ones((2, 25, 3))
+    positions[1, 4] = 0.0
+    positions[1, 5, :2] = 0.0  # before the camera, on its axis
+    frame = body_frame("front", KINECT, time_ns=1, positions=positions)
+    assert frame.states[1, 4] == JointState.TRACKED
+    seen = tracked_bodies(frame)
+    assert np.argwhere(np.isnan(seen.positions[..., 0])).tolist() == [[1, 4]]
+    assert np.argwhere(seen.states == JointState.NOT_TRACKED).tolist() == [[1, 4]]
+    assert not frame.positions[1, 4].any()  # the frame stays as it came
 
 
 def test_a_body_is_named_in_few_digits() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
+import socket
 import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -28,6 +30,7 @@ from mocapella.errors import InputError
 from mocapella.model.session import CommandReply
 from mocapella.viewer import Viewer
 from mocapella.viewer.commands import Commander
+from mocapella.viewer.page import FLOOD_PAUSE_S, _Seats
 from mocapella.viewer.page_messages import (
     FARTHEST,
     LARGEST,
@@ -38,6 +41,7 @@ from mocapella.viewer.page_messages import (
     MessageQuota,
     decode_page_message,
 )
+from mocapella.viewer.page_refusals import PageRefusals
 from mocapella.viewer.picture_plane import Plane
 
 CAMERA = {
@@ -146,9 +150,10 @@ def viewer() -> Iterator[Viewer]:
     made.close()
 
 
-def page(viewer: Viewer) -> ClientConnection:
+def page(viewer: Viewer, timeout_s: float = 60.0) -> ClientConnection:
     address = page_url(viewer._server.get_port()).replace("http", "ws")
-    return connect(address, subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None, open_timeout=60)
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
+    return connect(address, subprotocols=[protocol], max_size=None, open_timeout=timeout_s)
 
 
 def counted(viewer: Viewer, kind: str) -> int:
@@ -175,6 +180,48 @@ def test_a_page_that_floods_is_cut_off_and_others_are_not(viewer: Viewer) -> Non
             send_many(flood)
         assert counted(viewer, "messages") == before + 1
         other.ping().wait(60)
+
+
+def test_after_a_flood_new_pages_of_the_machine_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mocapella.viewer.page.FLOOD_PAUSE_S", 3600.0)
+    own = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
+    try:
+        with page(own) as flood, pytest.raises(ConnectionClosed):
+            send_many(flood)
+        with pytest.raises(TimeoutError):
+            page(own, timeout_s=1.0)
+    finally:
+        own.close()
+
+
+def test_the_pause_after_a_flood_is_its_machines_and_ends() -> None:
+    seats = _Seats(PageRefusals())
+    assert seats.pause_s("::1", 10.0) == 0.0
+    seats.flooded("::1", 10.0)
+    assert [seats.pause_s("::1", at_s) for at_s in (10.0, 10.0 + 0.25 * FLOOD_PAUSE_S, 10.0 + 2 * FLOOD_PAUSE_S)] == [
+        FLOOD_PAUSE_S, 0.75 * FLOOD_PAUSE_S, 0.0
+    ]  # fmt: skip
+    assert seats.pause_s("192.0.2.7", 10.0) == 0.0
+    seats.flooded("192.0.2.7", 10.0 + 2 * FLOOD_PAUSE_S)
+    assert seats.pause_s("::1", 10.0) == 0.0  # forgotten: a machine costs no memory for ever
+
+
+def test_connections_wait_while_the_page_is_busy(viewer: Viewer) -> None:
+    busy, free = threading.Event(), threading.Event()
+
+    def work() -> None:
+        busy.set()
+        free.wait(60)
+
+    sockets: Any = viewer._server._websock_server
+    sockets._background_event_loop.call_soon_threadsafe(work)
+    try:
+        assert busy.wait(60)
+        with contextlib.ExitStack() as stack:
+            for _ in range(300):  # beyond what waits, the system drops requests, and they are sent again after 1 s
+                stack.enter_context(socket.create_connection(("127.0.0.1", viewer._server.get_port()), timeout=0.9))
+    finally:
+        free.set()
 
 
 def send_many(flood: ClientConnection) -> None:

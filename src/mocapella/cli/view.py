@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import os
+from typing import Annotated, Final
 
 import typer
 
@@ -18,6 +19,9 @@ from mocapella.cli.common import (
     say,
     warn_if_open,
 )
+
+NICENESS: Final = 5
+"""The view has a lower priority than the programs that capture, track and record, on a machine that runs both."""
 
 
 @app.command(rich_help_panel=LIVE)
@@ -47,6 +51,8 @@ def view(
         say(f"{WATCH_URL}{watch_url}")
 
     warn_if_open("the view is", host, view_port)
+    if hasattr(os, "nice"):  # not on Windows
+        os.nice(NICENESS)
     with stop_on_signals() as stop:
         run_view(
             connect,

@@ -6,13 +6,15 @@ Commands change the session, such as ``start`` or ``recalibrate``; the tracker's
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
-from mocapella.model.limits import MOST_COMMANDS, MOST_COMMANDS_OF_A_CLIENT
+from mocapella.model.limits import COMMANDS_A_SECOND, COMMANDS_AT_ONCE, MOST_COMMANDS, MOST_COMMANDS_OF_A_CLIENT
 
+_EVERY_NS: Final = round(1e9 / COMMANDS_A_SECOND)
 Answer = Callable[[bytes], None]
 """Sends the reply to a command; called once. A `mocapella.wire.server.Answer` also has ``client`` and ``sender``."""
 
@@ -51,15 +53,21 @@ class CommandQueue:
     """Commands in the order of their arrival, at most `MOST_COMMANDS`, and `MOST_COMMANDS_OF_A_CLIENT` of one client.
 
     A command that equals the last waiting one, of the same named client, is carried out once, and both are answered.
-    Any thread may use it.
+    Those of a client that has sent many wait longer (`COMMANDS_A_SECOND`), and other clients overtake them. Any thread
+    may use it.
+
+    Args:
+        clock_ns: the monotonic clock [ns].
 
     Attributes:
         refused: number of commands beyond the limits.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.refused = 0
+        self._clock_ns = clock_ns
         self._waiting: deque[WaitingCommand] = deque()
+        self._due_ns: dict[str, int] = {}
         self._of: Counter[str] = Counter()
         self._lock = threading.Lock()
 
@@ -86,13 +94,19 @@ class CommandQueue:
             return ""
 
     def take(self) -> WaitingCommand | None:
-        """Remove and return the oldest command; None if none waits."""
+        """Remove and return the oldest command of a client that need not wait; None if there is none."""
         with self._lock:
-            if not self._waiting:
-                return None
-            command = self._waiting.popleft()
-            self._of -= Counter(map(client_of, command.answers))
-            return command
+            now_ns = self._clock_ns()
+            for place, command in enumerate(self._waiting):
+                client = client_of(command.answers[0])
+                due_ns = max(self._due_ns.get(client, now_ns), now_ns)
+                if due_ns - now_ns <= (COMMANDS_AT_ONCE - 1) * _EVERY_NS:
+                    del self._waiting[place]
+                    self._of -= Counter(map(client_of, command.answers))
+                    self._due_ns = {name: at_ns for name, at_ns in self._due_ns.items() if at_ns > now_ns}
+                    self._due_ns[client] = due_ns + _EVERY_NS
+                    return command
+            return None
 
     def _refusal(self, client: str) -> str:
         if self._of[client] >= MOST_COMMANDS_OF_A_CLIENT:

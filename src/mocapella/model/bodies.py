@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import BodyFrame, JointState
 from mocapella.model.topology import Topology
 
 BodyKey = tuple[str, int]
@@ -50,7 +50,8 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
 def tracked_bodies(frame: BodyFrame) -> Bodies:
     """Return the tracked bodies of a frame, sorted by id, so that results do not depend on the frame's order.
 
-    Arrays are writable copies. Without a tracked body, they have the length 0.
+    A joint at (0, 0, 0), where the camera is, counts as not tracked. Arrays are writable copies; without a tracked
+    body, they have the length 0.
     """
     ids: list[int] = frame.tracking_ids.tolist()
     positions, states = frame.positions, frame.states
@@ -59,4 +60,8 @@ def tracked_bodies(frame: BodyFrame) -> Bodies:
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
         ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
     # Copies: a message's arrays are read-only, which is another type for numba.
-    return Bodies(frame.sensor, frame.topology, tuple(ids), positions.astype(np.float64), states.copy())
+    copy, states = positions.astype(np.float64), states.copy()
+    nowhere = ~copy.any(axis=-1)
+    if nowhere.any():
+        copy[nowhere], states[nowhere] = np.nan, JointState.NOT_TRACKED
+    return Bodies(frame.sensor, frame.topology, tuple(ids), copy, states)

@@ -66,6 +66,10 @@ MOST_COMMANDS: Final = 64
 """Largest number of commands that wait for the tracker; further ones are refused."""
 MOST_COMMANDS_OF_A_CLIENT: Final = 16
 """Largest number of waiting commands of one client; further ones are refused."""
+COMMANDS_A_SECOND: Final = 4.0
+"""Largest mean rate at which one client's commands are carried out; others wait [commands/s]."""
+COMMANDS_AT_ONCE: Final = MOST_COMMANDS_OF_A_CLIENT
+"""Largest number of one client's commands that are carried out without a pause, after a time with none."""
 MAX_COMMAND_BYTES: Final = 1024 * 1024
 """Largest size of a command's encoded arguments [bytes]."""
 

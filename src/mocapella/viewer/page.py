@@ -8,6 +8,7 @@ import errno
 import http
 import inspect
 import io
+import os
 import socket
 import threading
 import time
@@ -22,7 +23,7 @@ import numpy as np
 import viser
 import viser.infra
 import viser.infra._infra
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosedError
 from websockets.http11 import Request, Response
 
@@ -45,6 +46,11 @@ MOST_PAGES: Final = 64
 """Largest number of open pages, which each have one connection."""
 HANDSHAKE_S: Final = 8.0
 """Longest time from connection to the end of the browser's request; then the connection is closed [s]."""
+MOST_NEW: Final = 4096
+"""Largest number of connections that wait to be accepted, if the system allows it. Further ones are dropped, and
+browsers try again after a second."""
+FLOOD_PAUSE_S: Final = 2.0
+"""After a page was cut off because it flooded, new pages of its machine wait up to this time [s]."""
 
 
 @contextlib.contextmanager
@@ -215,6 +221,7 @@ class _Seats:
         self.refusals = refusals
         self._asking: dict[_Connection, None] = {}
         self._pages: set[_Connection] = set()
+        self._pauses_end_s: dict[str, float] = {}
 
     def take(self, connection: _Connection) -> None:
         self._asking[connection] = None
@@ -231,6 +238,15 @@ class _Seats:
         self._asking.pop(connection, None)
         self._pages.add(connection)
         return ""
+
+    def flooded(self, host: str, now_s: float) -> None:
+        """Note that a page of a host was cut off because it flooded, at a time of the monotonic clock [s]."""
+        self._pauses_end_s = {name: end_s for name, end_s in self._pauses_end_s.items() if end_s > now_s}
+        self._pauses_end_s[host] = now_s + FLOOD_PAUSE_S
+
+    def pause_s(self, host: str, now_s: float) -> float:
+        """Return how long a new page of a host waits because another one flooded [s]."""
+        return max(0.0, self._pauses_end_s.get(host, now_s) - now_s)
 
     def leave(self, connection: _Connection) -> None:
         self._asking.pop(connection, None)
@@ -251,10 +267,17 @@ class _Connection(ServerConnection):
         self._seats = seats
         self._quota = MessageQuota()
 
+    @property
+    def host(self) -> str:
+        """Address of the browser's machine."""
+        return str(self.remote_address[0])
+
     async def recv(self, decode: bool | None = None) -> Any:
         """Return a page's next message, as bytes; end the connection of a page that sends too many."""
         data = await super().recv(decode=False)
-        if not self._quota.take(time.monotonic()):
+        now_s = time.monotonic()
+        if not self._quota.take(now_s):
+            self._seats.flooded(self.host, now_s)
             self._seats.refusals.add("messages", f"a page sent more than {MESSAGES_HZ:.0f} messages a second")
             self.transport.abort()  # its further messages are dropped
             raise ConnectionClosedError(None, None)
@@ -294,8 +317,10 @@ class _GuardedServe(serve):
             response = process_request(connection, request)
             if inspect.isawaitable(response):
                 response = await response
-            if response is None and (full := seats.take_page(connection)):
-                return refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "pages", full)
+            if response is None:
+                await asyncio.sleep(seats.pause_s(connection.host, time.monotonic()))
+                if full := seats.take_page(connection):
+                    return refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "pages", full)
             if response is not None and admission.cookie is not None:
                 response.headers["Set-Cookie"] = admission.cookie
             return response  # type: ignore[no-any-return]
@@ -304,6 +329,13 @@ class _GuardedServe(serve):
         keywords["create_connection"] = partial(_Connection, seats=seats)
         keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
         super().__init__(handler, *args, process_request=guarded, **keywords)
+
+    async def __aenter__(self) -> Server:
+        server = await super().__aenter__()
+        for listening in server.sockets:
+            with socket.socket(fileno=os.dup(listening.fileno())) as same:
+                same.listen(MOST_NEW)  # as `backlog` it would also be how many are accepted before any is answered
+        return server
 
 
 def _hear_error(refusals: PageRefusals, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
