@@ -1,7 +1,7 @@
 """Floods of the view and the bus: what they change in the latency of others, and what becomes of those who flood.
 
 A server, its view, sensors and a reader run as they do in a session; each flood comes from a process of its own. The
-latency is from a frame's capture to its scene at the reader.
+latency is from a frame's capture to its scene at the reader, a process that does nothing else.
 """
 
 from __future__ import annotations
@@ -15,19 +15,18 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
 import zenoh
+from numpy.typing import NDArray
 
 from benchmarks._page import Page
 from benchmarks.harness import Row, at_least, at_most, measured
 from mocapella.live.launch import free_port
-from mocapella.schema import decode_scene
-from mocapella.wire import keys
 from mocapella.wire.reader import Newest
 from mocapella.wire.session import open_reader
 
@@ -38,6 +37,8 @@ FLOOD_S = 5.0
 """So long a page presses a button [s]."""
 TOKEN = "tokenofthebenchmark"
 PATIENCE_S = 60.0
+Span = tuple[int, int]
+"""Begin and end on the monotonic clock [ns]."""
 CHANGE_MS = 1.0
 """Largest change of the latency's 99th percentile [ms]."""
 
@@ -55,22 +56,24 @@ def run(quick: bool = False) -> list[Row]:
                 "a client that sends commands": lambda: session.flood("commands", session.address, seconds),
                 "a view without file descriptors": lambda: starve(session, seconds),
             }
-            calm: list[float] = []
-            late: dict[str, list[float]] = {name: [] for name in floods}
+            calm: list[Span] = []
+            late: dict[str, list[Span]] = {name: [] for name in floods}
             said: dict[str, list[dict[str, float]]] = {name: [] for name in floods}
             for _ in range(rounds):
                 for name, flood in floods.items():
-                    calm += session.latencies(lambda: time.sleep(seconds))
-                    late[name] += session.latencies(lambda name=name, flood=flood: said[name].append(flood()))  # type: ignore[misc]
+                    calm.append(span_of(lambda: time.sleep(seconds)))
+                    late[name].append(span_of(lambda name=name, flood=flood: said[name].append(flood())))  # type: ignore[misc]
+            latencies = session.latencies()
         finally:
             session.close()
-    usual_ms = percentile_ms(calm)
+    usual = within(latencies, calm)
+    usual_ms = percentile_ms(usual)
     rows = [
-        measured("flood: nothing: capture to scene at a reader, median", 1e3 * float(np.median(calm)), "ms"),
+        measured("flood: nothing: capture to scene at a reader, median", percentile_ms(usual, 50), "ms"),
         measured("flood: nothing: capture to scene at a reader, p99", usual_ms, "ms"),
     ]
     for name in floods:
-        change_ms = percentile_ms(late[name]) - usual_ms
+        change_ms = percentile_ms(within(latencies, late[name])) - usual_ms
         rows.append(measured(f"flood: {name}: change of p99", change_ms, "ms", goal=at_most(CHANGE_MS)))
         rows += [_row(name, figure, [one[figure] for one in said[name]]) for figure in said[name][0]]
     return rows
@@ -95,9 +98,23 @@ def _row(name: str, figure: str, values: list[float]) -> Row:
     return measured(f"flood: {name}: {words}", join(values), unit, goal=goal)
 
 
-def percentile_ms(latencies_s: list[float]) -> float:
-    """The 99th percentile [ms]; NaN without any."""
-    return float(1e3 * np.percentile(latencies_s, 99)) if latencies_s else math.nan
+def span_of(work: Callable[[], object]) -> Span:
+    """Do the work; return when it began and ended [ns]."""
+    began_ns = time.monotonic_ns()
+    work()
+    return began_ns, time.monotonic_ns()
+
+
+def within(latencies_ns: NDArray[np.int64], spans: Sequence[Span]) -> NDArray[np.int64]:
+    """Return the latencies of `benchmarks._latency` of the scenes that arrived within one of the spans [ns]."""
+    at = latencies_ns[:, 0, None]
+    begins, ends = np.array(spans).T
+    return latencies_ns[((at >= begins) & (at < ends)).any(axis=1), 1]
+
+
+def percentile_ms(latencies_ns: NDArray[np.int64], percent: float = 99) -> float:
+    """A percentile [ms]; NaN without any latency."""
+    return float(np.percentile(latencies_ns, percent)) / 1e6 if latencies_ns.size else math.nan
 
 
 def slow(session: Session, connections: int, seconds: float) -> dict[str, float]:
@@ -150,7 +167,7 @@ def starve(session: Session, seconds: float) -> dict[str, float]:
 
 
 class Session:
-    """A server, its view, sensors, and a reader in this process."""
+    """A server, its view, sensors, and two readers: one in this process, and one that measures latencies."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, port, self.view_port = folder, free_port(), free_port()
@@ -169,7 +186,7 @@ class Session:
             words = {"connect": self.address, "sensor": f"s{k}", "people": PEOPLE, "seconds": 10**6, "seed": k}
             options = [word for key, value in words.items() for word in (f"--{key}", str(value))]
             self._processes.append(self._start("benchmarks._live_load", *options))
-        self._latencies_s: list[float] | None = None
+        self._latencies = folder / "latencies.npy"
         self._reader: zenoh.Session | None = None
         self._newest: Newest | None = None
 
@@ -177,16 +194,16 @@ class Session:
         """Open the reader, and wait until all sensors send and the page is served."""
         self._reader = open_reader(self.address, timeout=PATIENCE_S)
         self._newest = Newest(self._reader)
-        self._subscriber = self._reader.declare_subscriber(keys.SCENE, self._take)
+        self._clock = self._start("benchmarks._latency", self.address, str(self._latencies))
+        self._processes.append(self._clock)
         self._until("the sensors", lambda: self._sensors() == SENSORS)
         self._until("the view", lambda: self.page_loads(PATIENCE_S))
 
-    def latencies(self, during: Callable[[], object]) -> list[float]:
-        """Return the latencies of the scenes that arrive meanwhile [s]."""
-        self._latencies_s = found = []
-        during()
-        self._latencies_s = None
-        return found
+    def latencies(self) -> NDArray[np.int64]:
+        """Return what `benchmarks._latency` has measured until now, and end it."""
+        self._clock.terminate()
+        self._clock.wait(PATIENCE_S)
+        return np.load(self._latencies)  # type: ignore[no-any-return]
 
     def flood(self, *words: object) -> dict[str, float]:
         """Run a flood to its end, and return what it reports; it is in no session of ours, like another's program."""
@@ -236,11 +253,6 @@ class Session:
             [sys.executable, "-m", module, *words], cwd=self._folder, env=self._environment, stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-
-    def _take(self, sample: zenoh.Sample) -> None:
-        now_ns, latencies_s = time.monotonic_ns(), self._latencies_s
-        if latencies_s is not None:
-            latencies_s.append((now_ns - decode_scene(sample.payload.to_bytes()).at_ns) / 1e9)
 
     def _sensors(self) -> int:
         status = self._newest.status() if self._newest is not None else None

@@ -268,6 +268,23 @@ def test_a_picture_that_stands_still_is_not_believed_and_spoils_nothing() -> Non
     assert state.sensors["b"].condition == ""
 
 
+def test_a_picture_that_stands_still_refines_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    a, b = two()
+    calibration, updates, usual = PeopleCalibration(), list[object](), PairCalibration.update
+    monkeypatch.setattr(PairCalibration, "update", lambda *args: updates.append(args) or usual(*args))
+    walks(calibration, (a, b), ONE, 8)
+    assert updates
+    still = b.see(ONE, 8.0)
+
+    def see(sensor: Sensor, t: float) -> Bodies:
+        return still if sensor is b else sensor.see(ONE, t)
+
+    walks(calibration, (a, b), see, 2, begin=8.0)  # until it is known to stand still
+    before = len(updates)
+    walks(calibration, (a, b), see, 2, begin=10.0)
+    assert len(updates) == before
+
+
 def test_joints_at_the_lens_or_nowhere_do_not_count() -> None:
     a, b = two()
     rng = np.random.default_rng(3)
