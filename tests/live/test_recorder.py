@@ -90,6 +90,10 @@ def test_all_kinds_of_entries_are_written_and_a_wrong_truth_is_said_once(tmp_pat
     assert [line.partition(":")[0] for line in said] == ["truths of front are not recorded"]
 
 
+def test_a_slow_disk_is_said_before_anything_is_dropped() -> None:
+    assert recorders._CROWDED_BYTES <= 0.5 * recorders._QUEUE_BYTES
+
+
 def test_what_waits_for_the_disk_is_crowded_and_after_a_failure_nothing_more_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

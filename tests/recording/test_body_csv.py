@@ -96,6 +96,7 @@ def test_the_real_recordings_are_read(azure_and_vicon: Path, kinect_v2_gestures:
 def test_a_study_log_is_another_file(study_logs: Path, tmp_path: Path) -> None:
     assert not is_body_csv(next(study_logs.glob("*.csv.gz")))
     assert not is_body_csv(tmp_path / "none.csv")
+    assert not is_body_csv(saved(tmp_path, "1.5\n2.5\n"))  # one column of numbers
     assert not is_body_csv(saved(tmp_path, ""))
 
 

@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import make_reader
 from support.take_making import SECOND, STEP, info, keys, record, unclosed_take, write_frame
 
-from mocapella.errors import RecordingError, TakeExistsError
+from mocapella.errors import DiskFullError, RecordingError, TakeExistsError
 from mocapella.recording import disk, merge
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
@@ -128,6 +128,20 @@ def test_a_take_whose_server_never_came_back_is_put_together(tmp_path: Path) -> 
     content = path.read_bytes()
     merge.merge_parts(path, reserve_bytes=0)
     assert path.read_bytes() == content
+
+
+def test_parts_are_put_together_where_there_is_just_room_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = interrupted(tmp_path)
+    size = sum(part.stat().st_size for part in tmp_path.iterdir())
+    free = size + 1000 - 1
+    monkeypatch.setattr(disk, "free_bytes", lambda folder: free)
+    with pytest.raises(DiskFullError, match="cannot put the parts"):
+        merge.merge_parts(path, reserve_bytes=1000)
+    free += 1
+    merge.merge_parts(path, reserve_bytes=1000)
+    assert read_take(path).clean
 
 
 class Killed(BaseException):
