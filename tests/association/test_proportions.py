@@ -61,12 +61,17 @@ def test_the_running_mean_is_the_mean_and_an_outlier_moves_it_little() -> None:
     np.testing.assert_array_equal(same, known)
 
 
-def test_the_difference_counts_in_standard_deviations_and_wants_something_to_compare() -> None:
+def test_the_difference_counts_in_standard_deviations() -> None:
     assert size_difference(TALL, TALL) == 0
     assert size_difference(TALL, TALL + 2 * SD_M) == pytest.approx(4)
-    little = np.full(6, np.nan)
-    little[0] = TALL[0]
-    assert size_difference(TALL, little) == np.inf
+
+
+@pytest.mark.parametrize("measured", range(len(LENGTHS) + 1))
+def test_sizes_are_compared_from_a_third_of_common_lengths_on(measured: int) -> None:
+    part = np.where(np.arange(len(LENGTHS)) < measured, TALL, np.nan)
+    enough = measured >= len(LENGTHS) / 3
+    for one, other in ((TALL, part), (part, TALL)):
+        assert size_difference(one, other) == (0.0 if enough else np.inf)
 
 
 class Door:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from support.arm_frames import FPS, arm_at, places, seen
 
-from mocapella.calibration.arm_extrinsics import ArmExtrinsics, ArmExtrinsicsResult
+from mocapella.calibration.arm_extrinsics import ArmExtrinsics, ArmExtrinsicsResult, ArmExtrinsicsSettings
+from mocapella.model.arms import ARM_JOINTS
 
 
 def test_a_camera_needs_what_its_estimate_lacks_or_else_an_arm() -> None:
@@ -13,3 +16,32 @@ def test_a_camera_needs_what_its_estimate_lacks_or_else_an_arm() -> None:
     for missing in ("move it farther", ""):
         calibration.found["left"] = ArmExtrinsicsResult(np.eye(4), 0.0, 0.01, 0.01, 0.01, missing)
         assert calibration.needs("left") == missing
+
+
+FRAMES = range(8)
+PAIRED = FRAMES[1:-2]  # frames of b with one before and one after, when a's next one has come
+JOINTS = set(range(len(ARM_JOINTS)))
+
+
+def shared(hidden: dict[tuple[str, int], int]) -> dict[float, set[int]]:
+    """Joints that count, by the number of b's frame, where a camera infers a joint in some of its frames."""
+    calibration, rng = ArmExtrinsics(ArmExtrinsicsSettings(most_hz=1000.0)), np.random.default_rng(0)
+    for k in FRAMES:
+        for camera, at_s in (("a", k / FPS), ("b", (k + 0.5) / FPS)):
+            inferred = [ARM_JOINTS[hidden[camera, k]]] if (camera, k) in hidden else []
+            arm = seen(arm_at(at_s), camera, rng, hidden=inferred)
+            calibration.update(camera, [arm], at_s, {"a": places()["a"]})
+    return {round(one.at_s * FPS - 0.5): set(np.flatnonzero(one.weights).tolist()) for one in calibration.instants["b"]}
+
+
+def test_joints_that_both_cameras_measure_count() -> None:
+    assert shared({}) == dict.fromkeys(PAIRED, JOINTS)
+
+
+@pytest.mark.parametrize("joint", sorted(JOINTS))
+def test_a_joint_that_a_camera_infers_in_a_frame_counts_in_none_that_needs_it(joint: int) -> None:
+    """An instant is one frame of b with those before and after, for its velocity, between two frames of a."""
+    middle = FRAMES[len(FRAMES) // 2]
+    for camera, needing in (("a", {middle - 1, middle}), ("b", {middle - 1, middle, middle + 1})):
+        counted = shared({(camera, middle): joint})
+        assert counted == {k: JOINTS - {joint} if k in needing else JOINTS for k in PAIRED}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
+import pytest
 from support.filmed_boards import BOARD, SIZE, film
 
 from mocapella.calibration.board_guidance import coverage, field_counts, tilt
@@ -89,3 +90,13 @@ def test_fields_are_counted_where_the_corners_are() -> None:
     counts = field_counts([view])
     assert counts.shape == (3, 4)
     assert (counts[0, 0], counts[2, 3], counts[0, 3], counts.sum()) == (1, 1, 1, 3)
+
+
+@pytest.mark.parametrize("beyond_px", [0.0, 0.5, 3.0])
+def test_corners_on_the_border_of_the_image_or_beyond_count_in_the_outermost_fields(beyond_px: float) -> None:
+    """The image ends half a pixel beyond the centres of its outermost pixels; found corners are not exact."""
+    low, right, bottom = -0.5 - beyond_px, 399.5 + beyond_px, 299.5 + beyond_px
+    corners = np.array([[low, low], [right, low], [low, bottom], [right, bottom]])
+    counts = field_counts([BoardView("c0", 0, (400, 300), np.arange(4), corners)])
+    assert (counts[[0, 0, -1, -1], [0, -1, 0, -1]] == 1).all()
+    assert counts.sum() == 4

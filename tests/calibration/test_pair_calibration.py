@@ -330,3 +330,25 @@ def test_what_is_remembered_is_arrays_of_fixed_size() -> None:
     assert pair.moments.shape == (MOMENTS,)
     assert pair.scalars.shape == (at.PAIR_SCALARS,)
     assert at.new_body(mirrored=True)[at.MIRRORED] == 1.0
+
+
+def test_a_clock_that_is_set_otherwise_changes_nothing_of_people_who_stood() -> None:
+    """Where nothing moved, times do not matter; all sums fade alike, so that their ratios stay."""
+    rng = np.random.default_rng(0)
+    q, gradients = rng.normal(size=(25, 3)) * [0.3, 0.5, 0.2] + [0.2, 0.1, 2.5], rng.normal(size=(4, 7))
+    gradients[:, 6] = 0.0  # with the clock
+    pair = PairCalibration(T_a_b=TRUTH.copy(), moments=50.0 * moments(apply(TRUTH, q), q))
+    pair.scatter = gradients.T @ gradients
+    pair.scalars[[at.MOTION, at.BLOCKS, at.BLOCKS_SQ, at.BLOCKS_CLOSED]] = 5.0, 4.0, 4.0, 4.0
+    pair.scalars[[at.COST, at.COST_WEIGHT, at.APART_SQ]] = 0.2, 4.0, 0.4
+    pair.scalars[at.CENTRE : at.CENTRE + 3] = 4.0 * apply(TRUTH, q).mean(axis=0)
+    pair.clock[:] = np.array([1.0, 0.05, 1.0, 0.05, 0.05**2]) * 10  # ten equal blocks that say 50 ms
+    before = pair.estimate()
+    weight = pair.moments[0]
+    pair.follow_clock(before)
+    after = pair.estimate()
+    assert pair.scalars[at.REFERENCE_OFFSET] == pytest.approx(0.05, abs=1e-4)
+    assert pair.moments[0] < 0.7 * weight
+    np.testing.assert_allclose(after.covariance, before.covariance, rtol=1e-9, atol=1e-15)
+    assert (after.samples, after.residual) == pytest.approx((before.samples, before.residual))
+    assert after.offset_now.seconds == pytest.approx(before.offset_now.seconds)

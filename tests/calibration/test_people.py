@@ -285,6 +285,29 @@ def test_a_picture_that_stands_still_refines_nothing(monkeypatch: pytest.MonkeyP
     assert len(updates) == before
 
 
+@pytest.mark.parametrize("blind", ["a", "b"])
+def test_somebody_whom_one_sensor_sees_no_more_refines_nothing(blind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tracker may name a person for longer than the calibration keeps the body."""
+    sensors, both = two(), {0: Walker((-0.7, 2.6)), 1: Walker((0.7, 3.0), phase=1.9)}
+    numbers = {0: 7, 1: 9}
+    calibration, refined, usual = PeopleCalibration(), set[object](), PairCalibration.update
+    monkeypatch.setattr(PairCalibration, "update", lambda *args: refined.add(args[1]) or usual(*args))
+    calibration.start_from({sensor.name: sensor.T_world_sensor for sensor in sensors})
+
+    def go_on(begin: float, end: float, lost: str = "") -> set[object]:
+        refined.clear()
+        for k in range(round(begin * RATE_HZ), round(end * RATE_HZ)):
+            for sensor in sensors:
+                seen = sensor.see({0: both[0]} if sensor.name == lost else both, k / RATE_HZ)
+                calibration.update(seen, round(1e9 * k / RATE_HZ), lambda name: numbers)
+        return refined.copy()
+
+    gone_s = 1.0 + 2 * calibration.settings.gone_after_s
+    assert go_on(0.0, 1.0) == {(0, 0), (1, 1)}
+    go_on(1.0, gone_s, blind)
+    assert go_on(gone_s, gone_s + 0.5, blind) == {(0, 0)}
+
+
 def test_joints_at_the_lens_or_nowhere_do_not_count() -> None:
     a, b = two()
     rng = np.random.default_rng(3)

@@ -8,7 +8,7 @@ from support.walking_people import FRONT, SIDE, Sensor, Walker
 from test_pair_calibration import calibrated
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
+from mocapella.calibration.time_offset import BLOCKS_WANTED, OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
 
 
 def sums(u: np.ndarray, r: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -49,6 +49,17 @@ def test_too_few_blocks_or_none_say_nothing() -> None:
     u = np.random.default_rng(0).normal(size=(3, 75))
     for clock in (np.zeros(at.CLOCK_SUMS), sums(u, 0.05 * u, u), sums(u, 0.05 * u, -u)):
         found, sd = offset_of(clock)
+        assert (float(found), float(sd)) == (0.0, pytest.approx(OFFSET_PRIOR_SD))
+
+
+@pytest.mark.parametrize("blocks", range(1, 6))
+def test_as_many_equal_blocks_as_are_wanted_are_enough(blocks: int) -> None:
+    u = np.ones((blocks, 4))  # of equal blocks, Kish's count is their number
+    found, sd = offset_of(sums(u, 0.05 * u, u))
+    if blocks >= BLOCKS_WANTED:
+        assert float(found) == pytest.approx(0.05)
+        assert float(sd) < 1e-3
+    else:
         assert (float(found), float(sd)) == (0.0, pytest.approx(OFFSET_PRIOR_SD))
 
 

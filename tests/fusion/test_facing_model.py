@@ -16,7 +16,16 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.fusion import facing_model
 from mocapella.fusion.facing import FacingSettings
 from mocapella.fusion.facing_grid import BINS, YAWS, most_likely
-from mocapella.fusion.facing_model import from_json, read_model, shipped_model, to_json, untrained
+from mocapella.fusion.facing_model import (
+    MOST_SCORE,
+    SHAPE_BINS,
+    from_json,
+    read_model,
+    shape_place,
+    shipped_model,
+    to_json,
+    untrained,
+)
 from mocapella.fusion.facing_shape import (
     FADES_FROM,
     FADES_TO,
@@ -143,6 +152,17 @@ def test_a_classifier_tells_apart_what_can_be_told_apart() -> None:
     assert (float(score), float(seen)) == (classifier.weights[-1], 0.0)
 
 
+@given(st.floats(-2 * MOST_SCORE, 2 * MOST_SCORE))
+def test_scores_are_spread_evenly_over_the_bins_and_those_beyond_are_at_the_ends(score: float) -> None:
+    bins = np.linspace(-MOST_SCORE, MOST_SCORE, SHAPE_BINS)
+    np.testing.assert_allclose(shape_place(bins), np.arange(SHAPE_BINS), atol=1e-12)
+    place = float(shape_place(np.array(score)))
+    assert 0 <= place <= SHAPE_BINS - 1
+    assert float(shape_place(np.array(-score))) == pytest.approx(SHAPE_BINS - 1 - place)
+    if abs(score) >= MOST_SCORE:
+        assert place == (SHAPE_BINS - 1 if score > 0 else 0)
+
+
 def sequences(seed: int, people: int = 3, known: bool = True) -> list[FacingSequence]:
     """People who turn before two sensors that report half of their angle and fold it; shapes say back or front."""
     rng = np.random.default_rng(seed)
@@ -186,6 +206,30 @@ def test_learning_says_what_it_lacks() -> None:
     for name, value in (("sure", 0.3), ("penalty", 0.0), ("yaw_floor", 0.0), ("front_deg", 130.0), ("yaw_rounds", 0)):
         with pytest.raises(SettingsError, match=name):
             TrainingSettings(**{name: value})
+
+
+def facing(yaw: float, frames: int) -> FacingSequence:
+    """Somebody who was asked to face a yaw, before a sensor at the yaw 0 that takes a back for a front."""
+    features = np.random.default_rng(frames).normal(size=(frames, 1, len(FEATURES))) + np.cos(yaw)
+    zeros = np.zeros((frames, 1))
+    unknown = np.full((frames, 3), np.nan)
+    return FacingSequence(np.arange(frames) / 29, View(zeros, zeros, features), zeros, unknown, np.full(frames, yaw))
+
+
+@pytest.mark.parametrize(("fronts_lacking", "backs_lacking"), [(0, 0), (0, 1), (1, 0)])
+def test_the_shape_is_learnt_from_at_least_as_many_fronts_and_backs_as_it_has_weights(
+    fronts_lacking: int, backs_lacking: int
+) -> None:
+    weights = 2 * len(FEATURES) + 1  # of each feature, of its being seen, and a constant
+    fronts, backs = weights - fronts_lacking, weights - backs_lacking
+    asked = [facing(0.0, fronts), facing(np.pi, backs)]
+    if fronts_lacking or backs_lacking:
+        with pytest.raises(InputError, match=f"{fronts} views are surely of a front and {backs} of a back"):
+            train(asked, KINECT.name)
+    else:
+        classifier = train(asked, KINECT.name).classifier
+        assert classifier is not None
+        assert classifier.weights.shape == (weights,)
 
 
 @pytest.mark.parametrize("far", [-1.0, 1.0])

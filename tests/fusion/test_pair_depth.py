@@ -57,13 +57,31 @@ def test_the_covariance_says_how_far_off_points_are(method: str) -> None:
     assert abs(squares[good].mean() - 3.0) < 0.35
 
 
-@pytest.mark.parametrize("method", METHODS[1:])
-def test_why_there_is_no_point(method: str) -> None:
-    ahead = {
+def ahead() -> CameraRig:
+    """The rig with both cameras exactly parallel."""
+    cameras = {
         name: PlacedCamera(c.camera, rigid(np.eye(3), [-x, 0.0, 0.0]), c.covariance)
         for (name, c), x in zip(RIG.cameras.items(), (-0.0375, 0.0375), strict=True)
     }
-    depth, seen = PairDepth(CameraRig(ahead), settings_of(method), **LEFT_RIGHT), pixels(CameraRig(ahead))[:4]
+    return CameraRig(cameras)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rows_that_differ_leave_half_of_the_difference_to_each_camera(method: str) -> None:
+    """Between two parallel cameras no point has other rows than their mean, so all methods leave the same."""
+    rig, near_the_axis = ahead(), TRUTH * [0.2, 0.2, 1.0]  # where a lens distorts nothing
+    seen = pixels(rig, near_the_axis)
+    seen[:, 0, 1] += 0.7
+    seen[:, 1, 1] -= 0.7
+    found = PairDepth(rig, settings_of(method), **LEFT_RIGHT).points(seen)
+    assert found.used.all()
+    np.testing.assert_allclose(found.residuals_px, 0.7, rtol=0.03)
+
+
+@pytest.mark.parametrize("method", METHODS[1:])
+def test_why_there_is_no_point(method: str) -> None:
+    rig = ahead()
+    depth, seen = PairDepth(rig, settings_of(method), **LEFT_RIGHT), pixels(rig)[:4]
     seen[0, 0] = np.nan
     seen[1] = seen[1, ::-1]
     seen[2, 0, 1] += 20.0

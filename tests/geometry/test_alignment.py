@@ -12,6 +12,7 @@ from mocapella.geometry import alignment_kernels
 from mocapella.geometry.alignment import (
     MOMENTS,
     align,
+    centred_products,
     moments,
     normal_equations,
     robust_align,
@@ -112,8 +113,6 @@ def forget_add_fit(  # noqa: PLR0917 - as the kernels take them
 
 def robustly_determined(M: np.ndarray) -> float:
     """How far apart the best rotation and the next best are, as a part of the whole; 0 where it is not worth asking."""
-    from mocapella.geometry.alignment import centred_products
-
     S = centred_products(M)
     s = np.linalg.svd(S, compute_uv=False)
     gap = (s[1] + np.sign(np.linalg.det(S)) * s[2]) / M[0]
@@ -173,6 +172,17 @@ def test_shifted_moments_are_those_of_shifted_points(seed: int, by: float) -> No
     rng = np.random.default_rng(seed)
     p, q, v, w = cloud(rng), cloud(rng), rng.normal(size=(25, 3)), rng.uniform(0.1, 1, 25)
     np.testing.assert_allclose(shifted(moments(p, q, w, v), by), moments(p, q + by * v, w, v), atol=1e-10)
+
+
+@given(seeds, st.floats(-0.5, 0.5))
+def test_an_offset_moves_each_point_along_its_own_velocity(seed: int, offset: float) -> None:
+    rng = np.random.default_rng(seed)
+    T, q, v, w = random_motion(rng), cloud(rng), rng.normal(size=(25, 3)), rng.uniform(0.1, 1, 25)
+    moved = q + offset * v
+    p = apply(T, moved)
+    M = moments(p, q, w, v)
+    np.testing.assert_allclose(align(M, offset), T, atol=1e-9)
+    np.testing.assert_allclose(centred_products(M, offset), centred_products(moments(p, moved, w)), atol=1e-9)
 
 
 def test_points_that_are_missing_or_weigh_nothing_do_not_count() -> None:

@@ -46,6 +46,13 @@ def test_a_mirrored_surface_is_its_own_mirror_image_also_in_two_pieces() -> None
     assert volume(vertices, faces) > 0
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_limb_between_the_nodes_has_no_surface(mirrored: bool) -> None:
+    speck = np.array([[0.0, 0, 0, 0, 0, 0, 0.005, 0.005, 0]])
+    vertices, faces = polygonise(speck, WITHIN, 1e-6, grid(np.arange(0.01, 0.15, 0.02)), mirrored=mirrored)
+    assert vertices.shape == faces.shape == (0, 3)
+
+
 def test_distances_are_of_groups_apart() -> None:
     two = np.concatenate([BALL, DUMB_BELL[:1]])
     two[1, 8] = 1

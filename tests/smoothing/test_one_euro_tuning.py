@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from mocapella.errors import InputError, SettingsError
+from mocapella.smoothing import one_euro_tuning
 from mocapella.smoothing.one_euro import OneEuroSettings
-from mocapella.smoothing.one_euro_tuning import HIGHEST_HZ, jitter, lag, spread, tune
+from mocapella.smoothing.one_euro_tuning import HIGHEST_HZ, LONGEST_LAG_S, jitter, lag, spread, tune
 
-pytestmark = pytest.mark.slow  # of kernels that are compiled for these tests alone
+slow = pytest.mark.slow  # filters by kernels that are compiled for these tests alone
 
 AT_S = np.arange(240) / 60
 RNG = np.random.default_rng(3)
@@ -20,6 +21,7 @@ FAST = (AT_S, SWING + RNG.normal(0, 0.001, SWING.shape))
 START = OneEuroSettings(per_component=True)
 
 
+@slow
 def test_both_goals_are_reached_and_no_more_than_that() -> None:
     tuned = tune(STILL, FAST, 0.0006, 0.02, START)
     assert tuned.jitter_reached
@@ -33,29 +35,54 @@ def test_both_goals_are_reached_and_no_more_than_that() -> None:
     assert lag(FAST, tuned.settings) == tuned.lag_s
 
 
+@slow
 def test_a_goal_that_is_met_without_a_filter_leaves_it_open() -> None:
     tuned = tune(STILL, FAST, 0.01, 0.02, START)
     assert (tuned.settings.min_cutoff_hz, tuned.settings.beta_per_m) == (HIGHEST_HZ, 0.0)
 
 
+@slow
 def test_goals_out_of_reach_are_said() -> None:
     """Of a speed that is smoothed for hours, no beta opens the filter."""
     tuned = tune(STILL, FAST, 1e-7, 0.01, replace(START, speed_cutoff_hz=1e-6))
     assert (tuned.jitter_reached, tuned.lag_reached) == (False, False)
 
 
-def test_the_lag_of_a_delayed_recording_is_its_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mocapella.smoothing import one_euro_tuning
+@pytest.fixture
+def delay_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> float:
+    """Delay of a filter that delays the first two points, and returns others as measured [s]."""
+    delay_s: float = request.param
 
     def delayed(at_s: np.ndarray, points: np.ndarray, _settings: OneEuroSettings) -> np.ndarray:
-        return np.stack(
-            [[np.interp(at_s - 0.037, at_s, points[:, p, d]) for d in range(3)] for p in range(2)], axis=0
-        ).transpose(2, 0, 1)
+        result = points.copy()
+        for p, d in np.ndindex(2, points.shape[2]):
+            result[:, p, d] = np.interp(at_s - delay_s, at_s, points[:, p, d])
+        return result
 
     monkeypatch.setattr(one_euro_tuning, "filtered", delayed)
-    assert lag((AT_S, SWING), START) == pytest.approx(0.037, abs=0.001)
+    return delay_s
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.037, 0.2, 0.39], indirect=True)
+def test_the_lag_of_a_delayed_recording_is_its_delay(delay_s: float) -> None:
+    assert lag((AT_S, SWING), START) == pytest.approx(delay_s, abs=0.001)
+
+
+@pytest.mark.parametrize("delay_s", [LONGEST_LAG_S, 0.45, 0.5], indirect=True)
+def test_a_longer_lag_than_the_longest_is_reported_as_that(delay_s: float) -> None:
+    assert delay_s >= LONGEST_LAG_S == lag((AT_S, SWING), START)
+
+
+@pytest.mark.parametrize("delay_s", [0.037], indirect=True)
+@pytest.mark.parametrize("seen", [0, 1, 2])
+def test_a_point_that_is_hardly_ever_seen_says_nothing_of_the_lag(delay_s: float, seen: int) -> None:
+    """A filter begins anew with it each time, and so has no lag."""
+    rare = np.full((len(AT_S), 1, 3), np.nan)
+    rare[[100, 200][:seen]] = 10.0 * np.arange(seen)[:, None, None]
+    assert lag((AT_S, np.concatenate([SWING, rare], axis=1)), START) == lag((AT_S, SWING), START)
+
+
+@slow
 def test_frames_without_a_point_are_left_out() -> None:
     gone = RNG.random((240, 2)) < 0.1
     tuned = tune(

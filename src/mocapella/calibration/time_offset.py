@@ -42,7 +42,7 @@ def offset_of(clock: Float64) -> tuple[Float64, Float64]:
     """
     a, g, aa, ag, gg = np.moveaxis(clock, -1, 0)
     blocks = np.where(a > 0, a * a / np.where(aa > 0, aa, 1.0), 0.0)
-    known = blocks > BLOCKS_WANTED
+    known = blocks >= BLOCKS_WANTED
     a, blocks = np.where(known, a, 1.0), np.where(known, blocks, 2.0)
     offset = np.where(known, g / a, 0.0)
     scatter = np.maximum(gg - 2 * offset * ag + offset**2 * aa, 0.0) * (blocks + 2) / (blocks - 1)

@@ -46,7 +46,7 @@ def polygonise(
         values = np.concatenate([values[:1], values])
         nodes = np.concatenate([nodes[:1] * [-1.0, 1.0, 1.0], nodes])
     crossed = int(sum((np.diff(values < 0, axis=axis)).sum() for axis in range(3)))
-    vertices, triangles = np.empty((4 * crossed + 8, 3)), np.empty((2 * crossed + 8, 3), np.int64)
+    vertices, triangles = np.empty((4 * crossed, 3)), np.empty((2 * crossed, 3), np.int64)
     n, m = k.surface_net(values, nodes, vertices, triangles)
     vertices, triangles = vertices[:n].copy(), triangles[:m].copy()
     middle = np.flatnonzero(np.abs(vertices[:, 0]) < 1e-9) if mirrored else np.empty(0, np.int64)

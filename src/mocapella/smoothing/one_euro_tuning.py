@@ -159,7 +159,7 @@ def lag(fast: tuple[Float64, Float64], settings: OneEuroSettings) -> float:
     """Return the lag of the filter [s]: the delay of the raw recording that fits the filtered one best.
 
     Delays from 0 to `LONGEST_LAG_S` are tried, so a longer lag is reported as `LONGEST_LAG_S`. The first `SETTLING_S`
-    seconds are not counted.
+    seconds are not counted, nor are points that are seen in fewer than three frames.
 
     Args:
         fast: times (frames,) [s] and points (frames, points, dimensions) of markers in fast motion; NaN: not seen.
