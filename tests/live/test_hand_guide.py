@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from support.gesturing_hand import BASE_NAMES, MODEL, PALM_SIDE_M, PHASES_S, TIP_NAMES, scenes
@@ -112,6 +113,13 @@ def test_without_scenes_it_does_not_wait_for_ever() -> None:
         actor.guide().run(measured)
     assert actor.now < 11
     assert actor.said == []
+
+
+def test_without_a_pause_none_is_counted_down() -> None:
+    actor = Actor(lambda _phase, _time: None)
+    with pytest.raises(InputError, match="no markers were tracked"):
+        actor.guide(replace(QUICK, prepare=0.0, tries=1)).run(measured)
+    assert set(actor.shown) == {"flat: 2 s", "flat: 1 s"}
 
 
 @pytest.mark.parametrize(

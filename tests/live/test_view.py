@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.passing_time import PassingTime
 from support.programs import free_port
 
 from mocapella.errors import InputError
@@ -51,6 +54,32 @@ def test_the_beats_end_when_they_are_told() -> None:
             stop.set()
     assert len(instants) == 5
     assert instants == sorted(instants)
+
+
+def instants_of(works_s: list[float], rate_hz: float) -> list[float]:
+    """When each beat comes to a loop that works so long after each, and once more after the last."""
+    passing: Any = PassingTime()
+    found = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view, "time", passing)
+        for work_s, instant in zip([*works_s, 0.0], beats(rate_hz, passing), strict=False):
+            found.append(instant)
+            passing.now_s += work_s
+    return found
+
+
+@given(st.lists(st.floats(0.0, 0.99), min_size=1, max_size=20), st.sampled_from([1.0, 15.0, 60.0]))
+def test_work_of_less_than_a_period_delays_no_later_beat(shares: list[float], rate_hz: float) -> None:
+    instants = instants_of([share / rate_hz for share in shares], rate_hz)
+    np.testing.assert_allclose(instants, np.arange(len(shares) + 1) / rate_hz, atol=1e-9)
+
+
+def test_beats_that_a_delay_missed_are_skipped() -> None:
+    instants = instants_of([10.0, *[0.0] * 6], 1.0)
+    assert instants == sorted(instants)
+    assert instants[0] == 0.0
+    assert instants[1] == 10.0
+    assert instants[-1] >= 10.0 + 5  # of the six beats after that one, at most one comes early
 
 
 def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monkeypatch: pytest.MonkeyPatch) -> None:

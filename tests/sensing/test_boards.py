@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
 
 from mocapella.geometry.homography import homography
 from mocapella.model.board import Board
-from mocapella.sensing.boards import BoardDetector, draw_board, edge_width, why_not_found
+from mocapella.sensing.boards import BoardDetector, board_png, draw_board, edge_width, why_not_found
 
 CHARUCO = Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50")
 SQUARE = 80
@@ -50,6 +53,26 @@ def test_corners_are_found_where_they_were_drawn(board: Board) -> None:
     assert np.abs(view.corners_px - at).max() < 0.3
     assert abs((view.corners_px - at).mean(axis=0)).max() < 0.1
     assert (detector.report.pictures, detector.report.found, detector.report.corners) == (1, 1, board.corners)
+
+
+@pytest.mark.parametrize("dots_per_inch", [72, 300])
+def test_a_boards_png_is_whole_and_is_printed_to_scale(dots_per_inch: int) -> None:
+    data = board_png(CHARUCO, dots_per_inch)
+    chunks, at = dict[bytes, bytes](), 8
+    while at < len(data):
+        size, name = struct.unpack_from(">I4s", data, at)
+        chunks[name] = data[at + 8 : at + 8 + size]
+        assert data[at + 8 + size : at + 12 + size] == struct.pack(">I", zlib.crc32(name + chunks[name]))
+        at += 12 + size
+    names = list(chunks)
+    assert (names[0], names[-1]) == (b"IHDR", b"IEND")
+    assert names.index(b"pHYs") < names.index(b"IDAT")
+    across, down, unit = struct.unpack(">IIB", chunks[b"pHYs"])
+    assert unit == 1  # dots a metre
+    assert across == down == pytest.approx(dots_per_inch / 0.0254, abs=0.5)
+    drawn = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    squares = np.array([CHARUCO.rows + 1, CHARUCO.columns + 1])  # with its margin
+    np.testing.assert_allclose(np.array(drawn.shape) / across, squares * CHARUCO.square_m, atol=4 / across)
 
 
 def test_the_first_square_of_a_chessboard_is_black_also_when_it_is_turned() -> None:

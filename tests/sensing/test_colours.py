@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.marker_images import discs, profile, sample
 
 from mocapella.errors import InputError, SettingsError
-from mocapella.sensing.colour_learning import _SEED_PX, ColourSample, _seed, learn_colours
+from mocapella.sensing.colour_learning import _SEED_PX, ColourSample, _seed, grow, learn_colours
 from mocapella.sensing.colour_profile import decode_profile, encode_profile, load_profile, save_profile
 from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, separability
 
@@ -32,6 +32,18 @@ def test_the_strongest_colour_about_a_click_is_sought_as_far_on_every_side(along
             continue
         colour, luma = _seed(at, light, x, y, strongest=True)
         assert (float(colour[0]), luma) == ((0.4, 9.0) if found else (0.1, 0.0))
+
+
+@pytest.mark.parametrize("click", [(60, 50), (1, 50), (158, 50), (60, 1), (60, 118), (1, 1), (158, 118)])
+@pytest.mark.parametrize("beside", [(0, 0), (2, 0), (-2, 1), (0, -3), (-1, 2), (3, 3)])
+def test_one_pixel_of_a_stronger_colour_near_a_click_changes_no_other(
+    click: tuple[int, int], beside: tuple[int, int]
+) -> None:
+    plain = discs((*click, 10.0, (90, 80, 170)))
+    spoilt, others = plain.copy(), np.ones(plain.shape[:2], np.bool_)
+    x, y = np.clip(np.add(click, beside), 0, (159, 119))
+    spoilt[y, x], others[y, x] = (20, 10, 190), False
+    np.testing.assert_array_equal(grow(spoilt, click, "red")[others], grow(plain, click, "red")[others])
 
 
 def test_the_table_says_what_direct_classification_says() -> None:

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
+from mocapella.model.markers import marker_frame
 from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.colour_table import cell_of
 from mocapella.sensing.marker_mask import encode_image, labels_of, mask_image, paint_of
@@ -61,6 +62,16 @@ def test_crosses_stand_where_markers_were_found() -> None:
     for x, y in frame.positions_px:
         assert changed[round(float(y)), round(float(x))]
     assert changed.mean() < 0.1
+
+
+def test_a_cross_reaches_as_far_to_every_side() -> None:
+    image, table = np.zeros((60, 80, 3), np.uint8), np.zeros(32768, np.uint8)
+    frame = marker_frame("left", ["red"], time_ns=0, size_px=(80, 60), positions_px=[[40, 30]])
+    bright = mask_image(image, profile(), table, frame)[..., 0] > 128
+    across, down = np.flatnonzero(bright[30]) - 40, np.flatnonzero(bright[:, 40]) - 30
+    np.testing.assert_array_equal(across, down)
+    np.testing.assert_array_equal(across, -across[::-1])
+    assert len(across) > 10
 
 
 def test_pictures_are_encoded_as_asked_for() -> None:

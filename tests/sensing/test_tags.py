@@ -6,6 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.lens import project
@@ -14,7 +16,8 @@ from mocapella.geometry.twists import exp_twist
 from mocapella.model.markers import MarkerFrame, joined, marker_frame
 from mocapella.model.tags import corner_names, corner_places
 from mocapella.schema import decode_frame, encode_frame
-from mocapella.sensing.tags import TagDetector, TagSettings, draw_tag
+from mocapella.sensing.markers import linear_light
+from mocapella.sensing.tags import TagDetector, TagSettings, draw_tag, refined_corners
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
 from mocapella.sources.simulate.tag_picture import draw_tags
 
@@ -55,6 +58,34 @@ def test_corners_are_where_they_were_drawn_as_nearly_as_is_said(dictionary: str)
     assert 0.4 < np.sqrt(np.mean(np.square(standard))) < 2.0
     assert detector.report.images == 25
     assert detector.report.found >= 22
+
+
+def dark_square(left: float, top: float, width: float, height: float) -> np.ndarray:
+    """A dark rectangle on light ground; each pixel has the mean of the linear light on its area."""
+    pixels = np.arange(80)[:, None] + np.array([-0.5, 0.5])
+    along, down = (
+        np.clip(np.minimum(pixels[:, 1], begin + size) - np.maximum(pixels[:, 0], begin), 0, 1)
+        for begin, size in ((left, width), (top, height))
+    )
+    linear = 0.7 - 0.65 * down[:, None] * along
+    return np.asarray(np.interp(linear, linear_light(), np.arange(256)).round(), np.uint8)
+
+
+@given(
+    st.tuples(st.floats(14, 20), st.floats(14, 20), st.floats(36, 46), st.floats(36, 46)),
+    st.lists(st.floats(-0.7, 0.7), min_size=8, max_size=8),
+    st.integers(0, 3),
+)
+def test_refined_corners_are_the_squares_wherever_it_lies_between_the_pixels(
+    placed: tuple[float, float, float, float], off: list[float], first: int
+) -> None:
+    left, top, width, height = placed
+    corners = np.array([[left, top], [left + width, top], [left + width, top + height], [left, top + height]])
+    corners = np.roll(corners, first, axis=0)
+    about, _ = refined_corners(dark_square(*placed), corners + np.reshape(off, (4, 2)), 8, 4.0, 20.0)
+    found, sd = refined_corners(dark_square(*placed), about, 8, 4.0, 20.0)
+    assert np.abs(found - corners).max() < 0.02
+    assert (sd < 0.1).all()
 
 
 def test_a_gray_picture_and_one_of_an_array_that_is_no_copy_give_the_same() -> None:

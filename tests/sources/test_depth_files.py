@@ -21,6 +21,7 @@ from mocapella.sources.depth_files import DamagedImageError, DepthFiles, natural
 from mocapella.sources.depth_options import (
     DepthOptions,
     UnitCheck,
+    check_disparities,
     check_lens,
     complete,
     lens_of,
@@ -121,6 +122,14 @@ def test_depths_are_no_disparities(tmp_path: Path) -> None:
     assert next(images).depth is not None
     with pytest.raises(InputError, match=r"b.png: .*unit.*kinect-raw.*values up to 5600.*--unit 0.001 or 0.000125"):
         next(images)
+
+
+@given(st.integers(0, 5000))
+def test_the_unit_of_depths_is_told_by_what_was_measured(unmeasured: int) -> None:
+    raw = np.zeros(5001, np.uint16)
+    raw[unmeasured:] = 5600
+    with pytest.raises(InputError, match=r"--unit 0\.001 or 0\.000125"):
+        check_disparities(raw, "here")
 
 
 def test_what_is_missing_is_said_with_how_to_give_it(tmp_path: Path) -> None:

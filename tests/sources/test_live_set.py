@@ -241,6 +241,18 @@ def test_films_begin_with_the_first_frame_and_end_together(tmp_path):
         assert len({int(image[0, 0, 0]) for image in one.images.values()}) == 1  # of one instant
 
 
+def test_films_are_started_once_by_whoever_follows_them_first(tmp_path, monkeypatch):
+    write_folders(tmp_path, [{"c1": np.zeros((48, 64, 3), np.uint8)}])
+    started, stop = [], threading.Event()
+    monkeypatch.setattr(Acquisition, "start", lambda self, zero_s=None: started.append(zero_s))
+    stop.set()
+    with LiveSet({"c1": PacedPictures(tmp_path / "c1")}, RIG, clock=lambda: 5.0) as live:
+        assert started == []
+        for _ in range(2):
+            assert list(live.until(stop)) == []
+            assert started == [5.0]
+
+
 def test_what_films_drop_while_they_are_started_is_counted(tmp_path, monkeypatch):
     shades = [np.full((48, 64, 3), 20 * k + 10, np.uint8) for k in range(6)]
     write_folders(tmp_path, [{"c1": one} for one in shades])

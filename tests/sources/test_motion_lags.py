@@ -76,6 +76,21 @@ def test_of_people_before_cameras_that_see_them_from_all_sides_it_is_measured(mo
     assert found == pytest.approx({name: late_s[c] for c, name in enumerate(names) if name in found}, abs=0.015)
 
 
+@settings(max_examples=20)
+@given(st.lists(st.integers(1, 30), min_size=2, max_size=20), st.integers(1, 4))
+def test_steady_motion_is_a_constant_signal_whatever_the_intervals_between_images(intervals, speed):
+    """After a longer interval more has changed, at the same speed."""
+    lags = MotionLags(["a"])
+    for at in np.cumsum([0, *intervals]):
+        image = np.zeros((60, 60, 3), np.uint8)
+        image.reshape(-1, 3)[: speed * at] = 200
+        lags.add("a", round(1e9 * (100 + at / 100)), image)
+    values = [value for _, value in lags._courses["a"]]
+    assert len(values) == len(intervals)
+    np.testing.assert_allclose(values, values[0], rtol=1e-6)
+    assert values[0] > 0
+
+
 def test_a_camera_that_was_away_begins_anew():
     lags = MotionLags(["a", "b"])
     rng = np.random.default_rng(1)

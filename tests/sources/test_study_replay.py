@@ -349,8 +349,8 @@ def test_a_row_that_cannot_be_replayed_is_named(change: Callable[[Rows], Rows], 
     assert "; " in str(caught.value)
 
 
-def test_steps_back_by_less_than_the_limit_are_sorted() -> None:
-    rows = Rows().set("skeleton_time_ticks", 4, FRAME_TICKS + 700 - 4_999_999)
+def test_steps_back_up_to_the_limit_are_sorted() -> None:
+    rows = Rows().set("skeleton_time_ticks", 4, FRAME_TICKS + 700 - 5_000_000)
     assert StudyReplay(rows.log()).report.sorted == 1
     with pytest.raises(InputError, match=r"goes back by more than 0\.5 s"):
         StudyReplay(Rows().set("skeleton_time_ticks", 4, FRAME_TICKS + 700 - 5_000_001).log())
