@@ -137,6 +137,14 @@ def test_a_tip_that_is_not_known_is_neither_named_nor_measured() -> None:
     assert math.isnan(scores.table()["elbow_median_mm"])
 
 
+def test_an_elbow_that_is_not_visible_has_no_error_but_a_wrist_and_a_palm_have() -> None:
+    made = shots(10)
+    for shot in made[:4]:
+        shot.arms[0].seen[[WRIST, PALM, ELBOW]] = False
+    scores = score(Oracle(made), made)
+    assert (len(scores.wrist), len(scores.palm), len(scores.elbow)) == (10, 10, 6)
+
+
 def test_joints_have_errors_of_their_own() -> None:
     def off(k: int, arm: SeenArm) -> SeenArm:
         return shifted(shifted(shifted(arm, WRIST, 0.01), PALM, 0.02), ELBOW, 0.03)

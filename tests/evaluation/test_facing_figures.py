@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from support.evaluation_sessions import session_of
 from support.programs import result_here, run_here
 
 from mocapella.errors import InputError, SettingsError
-from mocapella.evaluation.facing_sessions import FacingSession, facing_sessions, figures, split
+from mocapella.evaluation import facing_sessions as module
+from mocapella.evaluation.facing_sessions import (
+    FacingSession,
+    facing_session,
+    facing_sessions,
+    figures,
+    left_out,
+    split,
+)
 from mocapella.evaluation.facing_simulation import simulated_figures
-from mocapella.fusion.facing import FacingFilter
-from mocapella.fusion.facing_model import read_model, shipped_model
+from mocapella.fusion.facing import FacingFilter, FacingSettings
+from mocapella.fusion.facing_model import FacingModel, read_model, shipped_model
 from mocapella.fusion.facing_shape import View
 from mocapella.fusion.facing_training import FacingSequence
 from mocapella.model.topology import topology
@@ -118,6 +128,29 @@ def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
             split(sessions, folds)
 
 
+def test_everybody_is_judged_by_the_given_weights_and_by_what_others_taught(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = [facing_session(session_of(frames=60, seed=seed)) for seed in range(2)]
+    sessions = [msgspec.structs.replace(one, participant=k) for k, one in enumerate(made) if one is not None]
+    taught: list[tuple[Any, FacingSettings]] = []
+
+    def teach(sequences: Any, topology: str, settings: FacingSettings) -> FacingModel:
+        taught.append((sequences, settings))
+        return shipped_model()
+
+    monkeypatch.setattr(module, "train", teach)
+    yaw_alone = FacingSettings(shape_weight=0.0, motion_weight=0.0)
+    usual, default, yaw = (
+        {name: repr(told) for name, told in left_out(sessions, 2, shipped_model(), settings).items()}  # NaN equals NaN
+        for settings in (None, FacingSettings(), yaw_alone)
+    )
+    assert usual == default
+    assert usual["default"] != usual["yaw"] == yaw["default"]
+    assert all(yaw[name] == yaw["yaw"] for name in ("yaw, motion", "yaw, shape", "five times the motion"))
+    assert [settings for _, settings in taught] == 4 * [FacingSettings()] + 2 * [yaw_alone]
+    assert [len(sequences) for sequences, _ in taught] == 6 * [1]
+    assert [sequences[0] is sessions[1].sequence for sequences, _ in taught] == 3 * [True, False]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("scene", "seconds"), [("walk", 17.0), ("exchange", 12.0), ("crowd", 6.0)])
 def test_in_simulated_rooms_hardly_any_label_stays_wrong(scene: str, seconds: float) -> None:
@@ -135,3 +168,19 @@ def test_the_figures_of_a_simulated_room_can_be_bad() -> None:
     found = simulated_figures(load_scene("exchange"), FacingFilter(KINECT, model=backward), 12.0)
     assert found.wrong_percent > 10
     assert found.facing_wrong_percent > 10
+
+
+def test_what_is_wrong_of_all_facings_is_right_of_the_opposite_ones() -> None:
+    def told(yaw: float, mirrored: bool) -> Any:
+        def update(sensor: str, people: list[int], *seen: Any) -> Any:
+            return SimpleNamespace(mirrored=np.full(len(people), mirrored), yaw=np.full(len(people), yaw))
+
+        return simulated_figures(load_scene("exchange"), SimpleNamespace(update=update), 0.5)  # type: ignore[arg-type]
+
+    one, opposite = told(0.3, False), told(0.3 + np.pi, True)
+    assert one.bodies == opposite.bodies > 50
+    assert 0 <= one.facing_wrong_percent <= 100
+    assert one.facing_wrong_percent + opposite.facing_wrong_percent == pytest.approx(100)
+    assert one.off_deg + opposite.off_deg == pytest.approx(180)
+    assert one.wrong_as_reported_percent == opposite.wrong_as_reported_percent == one.wrong_percent
+    assert one.wrong_percent + opposite.wrong_percent == pytest.approx(100)

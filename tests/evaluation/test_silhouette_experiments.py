@@ -195,6 +195,19 @@ def test_an_experiment_is_a_command(name: str, tmp_path: Path) -> None:
     assert ("–" in done.output) == (name != "runner")
 
 
+def test_the_images_beside_a_plot_are_of_the_dotted_lines_time(monkeypatch: pytest.MonkeyPatch, film: Film) -> None:
+    pytest.importorskip("matplotlib")
+    drawn: list[Any] = []
+    monkeypatch.setattr(experiments, "save_figure", lambda figure, path: drawn.append(figure))
+    shown = experiments.PlottedScene(film, Corruption(0.1, wrong_frames=(4,)), {1.0: film.truth})
+    experiments.plot_movements([shown], ["left knee"], Path("plot.svg"))
+    axes = drawn[0].axes
+    dotted = {line.get_xdata()[0] for one in axes for line in one.lines if line.get_linestyle() == ":"}
+    assert dotted == {4 / film.truth.fps}
+    titles = [one.get_title() for one in axes if one.images]
+    assert titles == [f"{name} at 0.07 s (dotted)" for name in ("camera1", "camera2")]
+
+
 def test_a_plot_that_cannot_be_is_refused_in_words(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, film: Film) -> None:
     shown = [experiments.PlottedScene(film, None, {1.0: film.truth})]
     with pytest.raises(SettingsError, match=r"name a \.png or \.svg"):

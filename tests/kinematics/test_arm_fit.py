@@ -614,6 +614,15 @@ def test_angles_are_those_of_the_hand_and_points_those_of_its_chain(side: Handed
     assert np.linalg.norm(in_palm[ELBOW]) == pytest.approx(pose.v[2], abs=0.03)
 
 
+@pytest.mark.parametrize("side", SIDES)
+def test_the_palms_flesh_has_no_step_at_a_knuckle(side: Handedness) -> None:
+    """A piece from the wrist to each finger's knuckle ends where the pieces from knuckle to knuckle do."""
+    palm = arm_model(side).palm
+    across = palm[4:7, :6].reshape(-1, 3)
+    for end in palm[:4, 3:6]:
+        assert np.linalg.norm(across - end, axis=1).min() < 1e-12
+
+
 def test_relevance_is_of_the_hand_then_the_forearm_then_little() -> None:
     model = arm_model("right")
     pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], model.state())

@@ -112,6 +112,29 @@ def test_noise_within_the_band_changes_nothing(scores: list[float], on: bool) ->
         assert hand.update(any_hand, (10 + k) / HZ).gesture == ("given" if on else "")
 
 
+class Told:
+    """A gesture whose score is told."""
+
+    digits = (0,)
+
+    def __init__(self, name: str) -> None:
+        self.name, self.value = name, 0.0
+
+    def score(self, hand: HandFeatures) -> float:
+        return self.value
+
+
+@pytest.mark.parametrize("enter", [0.6, 1.0])
+def test_a_gesture_that_only_stays_gives_way_to_one_that_just_reaches_enter(enter: float) -> None:
+    for score, shown in ((enter, "new"), (math.nextafter(enter, 0.0), "old")):
+        old, new = Told("old"), Told("new")
+        hand, any_hand = HandGestures(GestureSettings(enter=enter), [old, new]), features(landmarks("open"))
+        old.value = enter
+        assert run(hand, [any_hand] * 10)[-1].gesture == "old"
+        old.value, new.value = 0.5 * (GestureSettings().leave + enter), score
+        assert run(hand, [any_hand] * 10, 10)[-1].gesture == shown
+
+
 @settings(max_examples=10)
 @given(st.floats(0.5, 2.5), st.floats(0, 0.004), seeds)
 def test_a_hand_that_opens_slowly_lets_go_once_and_one_that_closes_takes_hold_once(

@@ -162,6 +162,37 @@ def test_a_moving_hand_goes_on_while_nothing_is_seen_and_is_forgotten() -> None:
     assert tracker.report.found == 2
 
 
+def test_where_an_unseen_hand_is_predicted_does_not_depend_on_how_often_it_is_asked_for() -> None:
+    points, nothing = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4)), np.full((8, 3), np.nan)
+    found = []
+    for asked in ([40], range(30, 41), [33, 34, 40]):
+        tracker = HandTracker(THESIS, RIGHT, THREE)
+        for k in range(30):
+            tracker.update(points + np.array([0.01 * k, 0, 0]), k / 60)
+        for k in asked:
+            hand = tracker.update(nothing, k / 60)
+        found.append(hand.landmarks)
+    assert found[0][0, 0] > 0.33  # it has moved on
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5)
+    np.testing.assert_allclose(found[2], found[0], atol=1e-5)
+
+
+@settings(max_examples=12)
+@given(seeds)
+def test_three_base_markers_find_a_hand_that_was_turned_round_while_it_was_hidden(seed: int) -> None:
+    """The prediction is half a turn off; three points of the palm say how it is held, whatever the fingers do."""
+    rng = np.random.default_rng(seed)
+    angles, T, turned = bent(rng), random_motion(rng), np.eye(4)
+    axis = rng.normal(size=3)
+    turned[:3, :3] = 2 * np.outer(axis, axis) / (axis @ axis) - np.eye(3)
+    tracker = HandTracker(THESIS, RIGHT, THREE)
+    still(tracker, markers(THESIS, RIGHT, THREE, angles, T @ turned), 5, 0.001)
+    found = still(tracker, markers(THESIS, RIGHT, THREE, angles, T), 1, 0.001, begin=30)
+    assert tracker.report.found == 1  # it was not forgotten
+    truth = landmarks(hand_chain(THESIS, RIGHT), HandPose(angles, T))
+    np.testing.assert_allclose(found.landmarks[[0, *TIPS]], truth[[0, *TIPS]], atol=0.005)
+
+
 def test_a_marker_that_cannot_be_is_left_out_and_counted() -> None:
     points = markers(THESIS, RIGHT, THREE, THESIS.natural, np.eye(4))
     tracker = HandTracker(THESIS, RIGHT, THREE)

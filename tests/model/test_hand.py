@@ -172,3 +172,32 @@ def test_a_stretched_hand_bends_backwards_and_spreads_so_far(angles: np.ndarray)
 def test_a_hand_is_not_stretched_farther_than_one_can(extension: float, abduction: float) -> None:
     with pytest.raises(SettingsError, match=r"extension_deg|abduction_deg"):
         hand_model("full").stretched(extension, abduction)
+
+
+@pytest.mark.parametrize(("name", "least"), [("lengths", 0.0), ("bases", -0.5)])
+def test_bones_and_bases_are_strictly_between_their_limits(name: str, least: float) -> None:
+    shape = hand_model().shape("right")
+
+    def having(value: float) -> HandShape:
+        arrays_of = {"lengths": shape.lengths.copy(), "bases": shape.bases.copy()}
+        arrays_of[name][3, 1] = value
+        return HandShape("right", **arrays_of)
+
+    for limit, inside in ((least, np.inf), (0.5, -np.inf)):
+        with pytest.raises(SettingsError, match=f"{name} is"):
+            having(limit)
+        within = np.nextafter(limit, inside)
+        assert getattr(having(within), name)[3, 1] == within
+
+
+def test_a_standard_deviation_of_a_bone_may_be_0_and_is_below_half_a_metre() -> None:
+    shape = hand_model().shape("right")
+
+    def having(sd: float) -> HandShape:
+        return HandShape("right", shape.lengths, shape.bases, lengths_sd=np.full((5, 3), sd))
+
+    for sd in (0.0, np.nextafter(0.5, 0)):
+        assert having(sd).lengths_sd is not None
+    for sd in (-np.nextafter(0, 1), 0.5, np.nan):
+        with pytest.raises(SettingsError, match="lengths_sd is"):
+            having(sd)

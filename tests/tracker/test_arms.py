@@ -310,6 +310,18 @@ def test_a_camera_of_the_rig_that_was_moved_is_told_of() -> None:
     assert "moved" not in scenes[20].state.reason
 
 
+def test_a_camera_stands_as_calibrated_where_a_rig_says_so_and_without_one_it_is_the_world() -> None:
+    tracker = ArmsTracker(rig=rig(), sensors_expected=2)
+    for arrival in run(0.1, {"a": one("a"), "b": one("b")}):
+        scene = tracker.update(arrival)
+    for place in scene.sensors:
+        assert (place.quality, place.position_sd, place.rotation_sd) == ("as calibrated", 0.0, 0.0)
+        assert place.T_world_sensor is not None
+        np.testing.assert_allclose(place.T_world_sensor, places()[place.sensor] @ TO_SENSOR, atol=1e-12)
+    (alone,) = ArmsTracker().update(frame("a", [seen(arm_at(0.0), "a", RNG(1))], 0.0)).sensors
+    assert (alone.quality, alone.position_sd, alone.rotation_sd) == ("", 0.0, 0.0)
+
+
 def test_recalibrating_places_the_cameras_anew() -> None:
     tracker = ArmsTracker(sensors_expected=2)
     for arrival in run(5.0, {"a": one("a"), "b": one("b")}):

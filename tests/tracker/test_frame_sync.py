@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
@@ -124,6 +124,16 @@ def test_a_frame_that_is_missing_is_waited_for_until_the_cameras_next_one_shows_
     assert not any(sync.update(comes(name, PERIOD_NS, 1)) for name in ("a", "b"))
     first, second = sync.update(comes("c", PERIOD_NS, 1))
     assert (set(first.frames), set(second.frames)) == ({"a", "b"}, set(NAMES))
+
+
+@given(st.integers(1, 3 * PERIOD_NS))
+@example(3 * PERIOD_NS // 2)
+@example(3 * PERIOD_NS // 2 + 1)
+def test_a_frame_that_may_be_late_is_waited_for_one_period_and_a_half(passed_ns):
+    sync = FrameSync(("a", "b"), SETTINGS)
+    assert not sync.update(comes("a", 0))
+    sets = sync.update(comes("a", passed_ns, 1))
+    assert [members(one) for one in sets] == ([{"a": 0}] if passed_ns > 1.5 * PERIOD_NS else [])
 
 
 def test_a_camera_that_is_silent_is_missed_for_a_while_and_then_not_waited_for():

@@ -12,10 +12,12 @@ import pytest
 from support.hand_frames import CUBE, HZ, IN_PALM, NOISE_PX, hands_settings, palm_at, scene, seen_by
 
 from mocapella.errors import SettingsError
+from mocapella.fusion.object_poses import ObjectPoseSettings
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_x, rotation_about_y
 from mocapella.geometry.twists import log_motion
-from mocapella.model.markers import joined, marker_frame
+from mocapella.kinematics.grasp import GraspSettings
+from mocapella.model.markers import MarkerFrame, joined, marker_frame
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.poses import pose_frame, quaternion_of
 from mocapella.model.scene import Scene
@@ -23,7 +25,7 @@ from mocapella.model.space import SpaceAlignment, as_settings, rows_of
 from mocapella.model.tags import corner_names
 from mocapella.schema import decode_frame, encode_frame, encode_scene
 from mocapella.tracker.hands import HandsSettings, HandsTracker
-from mocapella.tracker.objects import ObjectSettings, TagPlace
+from mocapella.tracker.objects import ObjectSettings, RigidObjects, TagPlace
 
 SIZE = (0.16, 0.16, 0.16)
 TAGGED = ObjectSettings("box", size_m=SIZE, tags=(TagPlace(7, 0.05, (0.0, -0.02, 0.0), up=(0.0, 0.0, 1.0)),))
@@ -152,6 +154,27 @@ def test_one_camera_is_enough_for_a_tag() -> None:
     last = run(made, arrivals)[-1]
     assert last.objects[0].state == JointState.TRACKED
     assert off(last, APART)[0] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("thing", "own", "other"), [(CUBE, "marker_sd_px", "tag_sd_px"), (TAGGED, "tag_sd_px", "marker_sd_px")]
+)
+def test_how_unsure_tags_are_moves_no_thing_of_colours_and_the_other_way_round(
+    thing: ObjectSettings, own: str, other: str
+) -> None:
+    def pose(**sd_px: float) -> np.ndarray:
+        made = RigidObjects(scene().rig, [thing], ObjectPoseSettings(), GraspSettings())
+        for arrival in watched(thing, 0, 3, T=APART):
+            assert isinstance(arrival.frame, MarkerFrame)
+            at_s = arrival.frame.time_ns * 1e-9
+            made.add_markers(arrival.frame, at_s, **sd_px)
+        (found,) = made.track(None, at_s)
+        assert found.T_world_object is not None
+        return found.T_world_object
+
+    usual = pose(**{own: 0.1, other: 0.1})
+    np.testing.assert_array_equal(pose(**{own: 0.1, other: 5.0}), usual)
+    assert (pose(**{own: 5.0, other: 0.1}) != usual).any()
 
 
 def test_another_trackers_poses_are_predicted_for_a_moment() -> None:

@@ -73,6 +73,21 @@ def test_points_of_cameras_in_another_order_do_not_meet():
         joints_of_points(mixed, rig)
 
 
+@pytest.mark.parametrize("alone", [0, 5, len(LANDMARKS) - 4])
+def test_points_that_do_not_meet_are_counted_where_two_cameras_see_them(alone):
+    """One of three cameras sees nothing, one is tilted, and so many points are seen by one camera alone."""
+    rig = ring(3, (640, 480))
+    seen = keypoints(rig=rig)
+    pixels, confidences = seen.pixels.copy(), seen.confidences.copy()
+    pixels[:, 0, :, 1] += 40.0
+    confidences[:, 1] = 0.0
+    confidences[:, 2, :alone] = 0.0
+    tilted = ImageTracks(seen.cameras, seen.points, seen.frames, seen.at_s, pixels, confidences)
+    wanted = f"do not meet in space: of {len(LANDMARKS) - alone} that two cameras or more see, 0 do"
+    with pytest.raises(CalibrationError, match=wanted):
+        joints_of_points(tilted, rig)
+
+
 def test_one_camera_whose_points_are_of_another_is_named():
     four = ring(4)
     seen = keypoints(rig=four)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mocapella.decoding import decode_toml, read_whole
 from mocapella.evaluation.point_references import trc_points
 from mocapella.geometry.signed_distance import signed_distance
-from mocapella.kinematics.silhouette_fit import Figure, eye, see
+from mocapella.kinematics.silhouette_fit import Figure, Outline, eye, see
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.openpose_names import LANDMARKS
@@ -31,6 +31,7 @@ from mocapella.tracker.silhouette_start import joints_of_points
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 
 SCORED: Final = tuple(
     f"{side}{name}" for name in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist") for side in "LR"
@@ -116,6 +117,18 @@ def first_points(folder: Path) -> dict[str, Float64]:
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
 
+def near(outline: Outline, pixels: Float64) -> Bools:
+    """Return for each point (n, 2) x, y [px] whether it is inside a body's outline, or less than `GROWN_PX` outside.
+
+    The outline's ``step_px`` is 1. Points beyond its window are not near.
+    """
+    grown = signed_distance(outline.mask, GROWN_PX + 2) > -GROWN_PX
+    x, y = (np.round(pixels).astype(int) - outline.origin_px).T
+    rows, columns = grown.shape
+    there = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
+    return np.asarray(there & grown[np.where(there, y, 0), np.where(there, x, 0)])
+
+
 def score_video(
     folder: Path,
     body: Figure,
@@ -153,11 +166,8 @@ def score_video(
             outline = see(body, vertices, eye(placed), step_px=1, margin_px=2 * GROWN_PX)
             if outline is None:
                 continue
-            x0, y0 = outline.origin_px
-            grown = signed_distance(outline.mask, GROWN_PX + 2) > -GROWN_PX
             pixels, sure = tracks.pixels[frame, c, columns], tracks.confidences[frame, c, columns] > CONFIDENT
-            for x, y in np.round(pixels[sure]).astype(int) - [x0, y0]:
-                within.append(bool(0 <= y < grown.shape[0] and 0 <= x < grown.shape[1] and grown[y, x]))
+            within += near(outline, pixels[sure]).tolist()
             for label in drawn:
                 if (label["camera"], label["frame"]) == (name, frame):
                     truth = draw([np.array(p) for p in label["person"]], [np.array(p) for p in label["without"]]) > 0
