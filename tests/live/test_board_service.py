@@ -38,6 +38,10 @@ def sensor(name: str, **changes: Any) -> SensorHealth:
     return SensorHealth(**(row | changes))
 
 
+KINECT = sensor("kinect", pictures=False, sends="skeletons")
+"""Of the session, and not of the rig: no method that wants a rig takes what it sends."""
+
+
 def status(*sensors: SensorHealth, setup: Setup | None = None) -> SessionStatus:
     setup = setup or Setup()
     return SessionStatus(0, True, "waiting for sensors", 0, 0, 0, "", 0, 0.0, setup, sensors, RecordingHealth(),
@@ -80,7 +84,7 @@ class Harness:
         self.reply = CommandReply(True, "tracking hands with c0, c1")
         self.made_ready: list[str] = []
         self.service = BoardService(nodes.ask, self._send, folder, warm_up=self._make_ready)
-        self.service.update(status(sensor("c0"), sensor("c1"), sensor("kinect", pictures=False)))
+        self.service.update(status(sensor("c0"), sensor("c1"), KINECT))
 
     def _send(self, verb: str, arguments: dict[str, Any]) -> CommandReply:
         self.sent.append((verb, arguments))
@@ -268,6 +272,21 @@ def test_whatever_a_node_answers_is_a_view_or_a_problem(corners: dict[str, Any] 
         assert np.isfinite(found.view.corners_px).all()
     else:
         assert found.problem or corners == {"ids": [], "corners_px": []}
+
+
+@pytest.mark.parametrize(("axis", "least", "most"), [(0, -1.0, SIZE[0]), (1, -1.0, SIZE[1])])
+def test_corners_from_a_pixel_before_the_picture_to_its_size_are_believed_and_none_beside(
+    axis: int, least: float, most: float
+) -> None:
+    for value, believed in ((least, True), (most, True), (np.nextafter(least, -9), False), (most + 0.01, False)):
+        corner = [5.0, 5.0]
+        corner[axis] = float(value)
+        answer = NodeAnswer(True, time_ns=1, size_px=SIZE, corners={"ids": [3], "corners_px": [corner]})
+        looks = NodeCameras(lambda *_, answer=answer: answer, lambda: [sensor("c0")], ["c0"], BOARD)
+        found = looks.look()["c0"]
+        looks.close()
+        assert (found.view is not None) == believed
+        assert bool(found.problem) != believed
 
 
 def test_what_keeps_a_camera_from_seeing_comes_before_what_is_missing(nodes: Nodes) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mocapella.live.camera_service import CameraService, CameraServiceSettings
 from mocapella.live.marker_work import MarkerWork
@@ -43,6 +45,10 @@ def shot() -> HandShot:
 
 def points() -> dict[str, tuple[float, float]]:
     return {name: (float(x), float(y)) for name, (x, y) in zip(SCENE.names, shot().centres_px, strict=True)}
+
+
+class Unasked:
+    """A node's work that no question reaches."""
 
 
 class Harness:
@@ -147,3 +153,22 @@ def test_an_asker_that_has_left_ends_nothing(made: Harness) -> None:
     made.service.ask(write_question(AskReport()), gone)
     made.service.ask(write_question(AskReport()), lambda data: done.set())
     assert done.wait(60.0)
+
+
+@given(st.integers(1, 4), st.lists(st.integers(0, 3), max_size=12))
+def test_of_any_second_so_many_questions_are_taken_and_none_is_refused_before(a_second: int, steps: list[int]) -> None:
+    now_s, taken_s = 1000.0, list[float]()
+    settings = CameraServiceSettings(waiting=100, a_second=a_second)
+    service = CameraService(Unasked(), settings=settings, clock=lambda: now_s)  # type: ignore[arg-type]
+    service.close()  # questions wait now, and are not answered
+    for step in steps:
+        now_s += step / 4
+        refused = list[NodeAnswer]()
+        service.ask(b"", lambda data, refused=refused: refused.append(read_answer(data)))  # type: ignore[misc]
+        of_this_second = [at for at in taken_s if now_s - at < 1.0]
+        assert [said.message for said in refused] == (
+            [f"more than {a_second} questions a second; ask again in a second"]
+            if len(of_this_second) == a_second
+            else []
+        )
+        taken_s += [] if refused else [now_s]

@@ -5,14 +5,19 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec import ValidationError
+from support.passing_time import PassingTime
 from support.programs import free_port, wait_until
 from zenoh import ZError
 
 from mocapella.errors import BusError, NoServerError
+from mocapella.live import node
 from mocapella.live.node import _LOOK_EVERY_S, ANSWER_S, ASK_AFTER_S, DueFrame, Membership, NodeSummary, run_node
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.observations import body_frame
@@ -74,6 +79,64 @@ def test_a_node_that_is_stopped_while_it_waits_has_published_nothing() -> None:
         summary = run_node(link, source.frames, epoch=None, stop=stop)
     assert (summary.served, summary.published) == (False, 0)
     assert not source.begun.is_set()
+
+
+def published_s(
+    monkeypatch: pytest.MonkeyPatch, began_s: float, epoch_s: float | None, due_s: list[float]
+) -> list[float]:
+    """When a node publishes frames that are due so, on the wall clock; in time that passes only while it waits."""
+
+    class Passing(PassingTime):
+        """Its monotonic clock has a zero of its own."""
+
+        def time(self) -> float:
+            return began_s + self.now_s
+
+        def monotonic(self) -> float:
+            return self.now_s + 7.0 * began_s
+
+        def set(self) -> None:
+            self.ended = True
+
+    class Served:
+        served, errors = threading.Event(), Boundary()
+
+        def __init__(self, *_: Any) -> None:
+            self.served.set()
+
+        def close(self) -> None:
+            pass
+
+    class Link:
+        node, published = NodeKey("front", 1), 0
+
+        def publish(self, *_: Any) -> None:
+            found.append(passing.time())
+
+    found, passing, (frame, *_) = list[float](), Passing(), Source().frames()
+    monkeypatch.setattr(node, "time", passing)
+    monkeypatch.setattr(node, "Membership", Served)
+    frames = [DueFrame(due, frame.frame) for due in due_s]
+    run_node(Link(), lambda: frames, epoch=epoch_s, stop=passing, wait=False)  # type: ignore[arg-type]
+    return found
+
+
+@given(st.floats(0.0, 50.0), st.lists(st.floats(0.0, 9.0), max_size=5))
+def test_nodes_of_one_epoch_publish_together_whenever_they_began(before_s: float, due_s: list[float]) -> None:
+    due_s, epoch_s = sorted(due_s), 1000.0
+    with pytest.MonkeyPatch.context() as patch:
+        found = published_s(patch, epoch_s - before_s, epoch_s, due_s)
+    np.testing.assert_allclose(found, [epoch_s + due for due in due_s], atol=1e-6)
+
+
+def test_a_node_without_an_epoch_publishes_from_its_beginning_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert published_s(monkeypatch, 500.0, None, [0.0, 0.5, 2.0]) == [500.0, 500.5, 502.0]
+
+
+def test_a_node_that_begins_after_its_epoch_publishes_what_it_has_missed_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert published_s(monkeypatch, 1001.0, 1000.0, [0.0, 0.5, 1.0, 3.0]) == [1001.0, 1001.0, 1001.0, 1003.0]
 
 
 def test_a_membership_goes_on_after_an_error() -> None:

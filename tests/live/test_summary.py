@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.messages import small_scene
+from support.messages import arms_scene, small_scene
 
 from mocapella.live.summary import MOST_CONDITIONS, LatencyHistogram, RunSummary
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackerState
@@ -156,3 +156,12 @@ def test_repaired_labels_are_counted_by_sensor_each_view_once_and_each_time_that
         {"sensor": "left", "views": 1, "swapped": 0, "repairs": 0},
     ]
     json.dumps(summary.as_json(TrackerState(Phase.TRACKING)))
+
+
+def test_arms_are_measured_over_the_time_between_their_captures() -> None:
+    summary, arms = RunSummary(), arms_scene()
+    for k in range(4):
+        scene = msgspec.structs.replace(arms, at_ns=arms.at_ns + k * 50_000_000)
+        summary.scene(scene, None, k)  # whenever it was complete
+    quality = summary.as_json(TrackerState(Phase.TRACKING))["arm_quality"]
+    assert quality["seen_s"] == pytest.approx(len(arms.arms) * 0.15)

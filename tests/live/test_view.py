@@ -106,6 +106,42 @@ def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monke
     assert shown == [0, 1, 2]
 
 
+def test_the_first_browser_that_draws_the_view_is_told_of_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    pages, told, stop = iter([0, 0, 1, 0, 2, 2]), list[int](), threading.Event()
+
+    class Viewer:
+        url = watch_url = "http://127.0.0.1:1"
+        pages = drawings = 0
+
+        def __init__(self, *_: Any, **__: Any) -> None:
+            made.append(self)
+
+        def show(self, *_: Any) -> None:
+            self.pages = next(pages)
+            self.drawings += 1
+            if self.drawings == 6:
+                stop.set()
+
+        def close(self) -> None:
+            pass
+
+    class Link:
+        def __init__(self, *_: Any) -> None:
+            self.ask = self.command = None
+
+        def newest(self) -> tuple[None, dict[str, Any], None]:
+            return None, {}, None
+
+        def close(self) -> None:
+            pass
+
+    made = list[Viewer]()
+    monkeypatch.setattr(view, "Viewer", Viewer)
+    monkeypatch.setattr(view, "Link", Link)
+    view.run_view("tcp/127.0.0.1:1", "127.0.0.1", 1, stop, on_page=lambda: told.append(made[0].drawings))
+    assert told == [3]
+
+
 def test_a_reply_that_cannot_be_read_is_a_refusal_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's buttons get an answer, whatever a server sends."""
 

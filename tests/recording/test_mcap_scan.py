@@ -6,9 +6,11 @@ import io
 import struct
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mocapella.recording.mcap_file import MAGIC
-from mocapella.recording.mcap_scan import End, _next_chunk, _read_tail, _record_at, scan
+from mocapella.recording.mcap_scan import Damage, End, _next_chunk, _read_tail, _record_at, scan
 
 EMPTY = b"\x06" + struct.pack("<QQQQIIQ", 40, 0, 0, 0, 0, 0, 0)
 """A chunk without messages."""
@@ -77,6 +79,22 @@ def test_the_next_chunk_is_one_that_ends_before_the_end(before: int) -> None:
     assert _next_chunk(file, 0, end + 100) == before
     assert _next_chunk(file, 0, end - 1) is None
     assert _next_chunk(file, before + 1, end) is None
+
+
+@given(st.integers(1, 200), st.booleans(), st.booleans())
+def test_damage_ends_where_the_next_chunk_begins_or_with_the_data_of_a_closed_file(
+    length: int, chunk_behind: bool, closed: bool
+) -> None:
+    start = len(MAGIC) + len(EMPTY)
+    data = MAGIC + EMPTY + b"\x77" * length + (EMPTY if chunk_behind else b"")
+    if closed:
+        data += b"\x0f" + struct.pack("<QI", 4, 0) + b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + MAGIC
+    *damages, last = scan(io.BytesIO(data), len(data), "made.mcap")
+    if chunk_behind or closed:
+        assert [(one.start, one.end) for one in damages if isinstance(one, Damage)] == [(start, start + length)]
+    else:
+        assert damages == []  # what is torn off at the end of a file that is still written is no damage
+    assert last == End(closed, 0 if chunk_behind or closed else length)
 
 
 @pytest.mark.parametrize(("before", "there"), [(8, True), (7, False), (0, False)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 
@@ -128,6 +129,17 @@ def test_what_is_there_instead_is_named(sought: Board, shown: Board | None, says
     image = np.full((480, 640), 90, dtype=np.uint8) if shown is None else picture(shown)[0]
     assert BoardDetector(sought).update(image, "a", 0) is None
     assert says in why_not_found([image], sought)
+
+
+def test_markers_in_another_order_are_named_with_the_numbers_that_the_board_has() -> None:
+    """The whole board is seen, so that its highest number is the highest of the wanted board, too."""
+    sought, shown = CHARUCO, Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50", legacy=True)
+    image = cv2.resize(picture(shown)[0], None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA)
+    assert BoardDetector(sought).update(image, "a", 0) is None
+    said = re.search(r"\((\d+), the highest number (\d+); this board has 0 to (\d+)\)", why_not_found([image], sought))
+    assert said is not None
+    seen, highest, last = map(int, said.groups())
+    assert seen == highest + 1 == last + 1
 
 
 def test_a_mirrored_picture_is_told() -> None:

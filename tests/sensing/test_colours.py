@@ -13,7 +13,14 @@ from support.marker_images import discs, profile, sample
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.sensing.colour_learning import _SEED_PX, ColourSample, _seed, grow, learn_colours
-from mocapella.sensing.colour_profile import decode_profile, encode_profile, load_profile, save_profile
+from mocapella.sensing.colour_profile import (
+    OFFSET,
+    chromaticity,
+    decode_profile,
+    encode_profile,
+    load_profile,
+    save_profile,
+)
 from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, separability
 
 RED, BLUE = (20, 15, 190), (180, 60, 20)
@@ -71,6 +78,17 @@ def test_more_or_less_light_keeps_the_label(factor: float) -> None:
         before = classify(profile(), patch) == names.index(colour.name) + 1
         after = classify(profile(), np.clip(patch * factor, 0, 255)) == names.index(colour.name) + 1
         assert after.mean() >= before.mean() - 0.25
+
+
+@pytest.mark.parametrize("bgr", [(60, 60, 230), (40, 200, 60), (180, 60, 20)])
+def test_a_colour_that_is_clipped_in_twice_the_light_keeps_its_label(bgr: tuple[int, int, int]) -> None:
+    """Clipping changes the hue. The same change in a pixel that is not clipped is another colour."""
+    learnt = learn_colours("left", [ColourSample(discs((60.0, 50.0, 9.0, bgr)), {"marker": (60, 50)})])
+    clipped = np.clip(2.1 * np.array([bgr]), 0, 255)
+    assert classify(learnt, clipped).tolist() == [1]
+    dimmed = (clipped + OFFSET) * 0.8 - OFFSET
+    np.testing.assert_allclose(chromaticity(dimmed), chromaticity(clipped))
+    assert classify(learnt, dimmed).tolist() == [0]
 
 
 def test_skin_and_grey_are_no_marker() -> None:

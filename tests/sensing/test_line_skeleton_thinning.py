@@ -110,6 +110,10 @@ def test_the_stages_are_those_of_opencv_to_the_bit(mask: UInt8, ridge_least: int
         np.s_[5:6, 5:6],
         np.s_[1:9, 1:9],
         np.s_[471:479, 631:639],
+        np.s_[0:480, 600:640],  # along a whole side, so that only the other end of a row or column is flat
+        np.s_[0:480, 0:40],
+        np.s_[0:40, 0:640],
+        np.s_[440:480, 0:640],
     ],
 )
 def test_the_stages_of_a_part_of_a_large_picture_are_those_of_the_whole(where: Any) -> None:

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
@@ -86,6 +86,21 @@ def test_refined_corners_are_the_squares_wherever_it_lies_between_the_pixels(
     found, sd = refined_corners(dark_square(*placed), about, 8, 4.0, 20.0)
     assert np.abs(found - corners).max() < 0.02
     assert (sd < 0.1).all()
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_a_square_that_is_moved_by_whole_pixels_has_its_corners_moved_by_as_many(right: int, down: int) -> None:
+    noise = np.random.default_rng(0).integers(-3, 4, (80, 80))
+    square = np.clip(dark_square(17.3, 16.8, 40.4, 38.7) + noise, 0, 255).astype(np.uint8)
+    corners = np.array([[17.0, 17], [58, 16.5], [57.5, 56], [17.5, 55]])
+    wide = np.full((140, 140), square.max())
+    wide[down : down + 80, right : right + 80] = square
+    found, sd = refined_corners(square, corners, 8, 4.0, 20.0)
+    moved, moved_sd = refined_corners(wide, corners + np.array([right, down]), 8, 4.0, 20.0)
+    assert np.isfinite(sd).all()
+    np.testing.assert_allclose(moved - [right, down], found, atol=1e-9)
+    np.testing.assert_allclose(moved_sd, sd, rtol=1e-6)
 
 
 def test_a_gray_picture_and_one_of_an_array_that_is_no_copy_give_the_same() -> None:

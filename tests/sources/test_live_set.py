@@ -95,6 +95,14 @@ def test_frames_count_up_from_time_zero_and_every_picture_is_used_once():
         assert numbers == sorted(set(numbers))
 
 
+def test_a_camera_is_measured_by_so_many_pictures_and_not_one_more(monkeypatch):
+    taken, add = list[str](), LiveSet._add
+    monkeypatch.setattr(LiveSet, "_add", lambda self, name, *rest: (taken.append(name), add(self, name, *rest)))
+    with LiveSet({"c1": Scripted("one")}, RIG, clock=lambda: 0.0) as live:
+        assert taken == ["c1"] * module.MEASURED
+        assert live.rate_hz == 50.0
+
+
 def test_who_is_slow_gets_the_newest_and_it_is_counted_what_was_dropped():
     of, stop = {"c1": Scripted(), "c2": Scripted()}, threading.Event()
     with LiveSet(of, RIG) as live:

@@ -365,6 +365,27 @@ def test_a_file_of_a_day_is_replayed_and_a_longer_one_is_not() -> None:
         StudyReplay(Rows().set("skeleton_time_ticks", last, end + 1).log())
 
 
+@pytest.mark.parametrize(
+    ("name", "centre", "by", "says"),
+    [
+        ("skeleton_time_ticks", 0, 2**62 // 100, "is no time of a sensor"),
+        ("tracker_time_ms", YEAR_1_TO_1970_MS, 2**62 // 10**6, "is no date of our time"),
+    ],
+)
+@pytest.mark.parametrize("side", [-1, 1])
+def test_times_up_to_a_limit_before_and_after_are_replayed_and_none_beyond(
+    name: str, centre: int, by: int, says: str, side: int
+) -> None:
+    rows = Rows().take([0])
+    for beyond in (0, 1):
+        rows[name] = [centre + side * (by + beyond)]
+        if beyond:
+            with pytest.raises(InputError, match=says):
+                StudyReplay(rows.log())
+        else:
+            assert StudyReplay(rows.log()).report.frames == 1
+
+
 def test_a_file_without_a_reference() -> None:
     rows = Rows()
     rows["skeleton_id"] = np.ones(8, dtype=int)
