@@ -174,6 +174,32 @@ def test_a_body_of_whose_middle_nothing_is_seen_is_who_it_was_and_nobody_new() -
     assert len(tracks.people) == 1
 
 
+def test_owners_are_those_of_the_last_frames_of_all_sensors_also_after_people_are_joined_or_forgotten() -> None:
+    tracks, told = Tracks(), dict[str, dict[int, int]]()
+    assert tracks.owners("front") == {}  # before there is such a sensor
+    joined = forgotten = False
+    for k in range(240):
+        # Each sensor takes one person for another until both are in one place; one more is seen at first.
+        far = max(1.2 - 0.01 * k, 0.1)
+        places = {"front": {2**64 - 1: -far / 2}, "side": {7: far / 2}}
+        if k < 20:
+            places["front"][5] = 4.0
+        for sensor, bodies in places.items():
+            middles = np.stack([spine((x, 3.0)) for x in bodies.values()])
+            people = owners(tracks, sensor, list(bodies), middles, k * DT)
+            told[sensor] = dict(zip(bodies, people, strict=True))
+            for kept, dropped in tracks.merged:
+                joined = True
+                told = {name: {b: kept if n == dropped else n for b, n in of.items()} for name, of in told.items()}
+            for name, of in told.items():
+                assert tracks.owners(name).items() >= of.items()
+                assert tracks.owners(name) is tracks.owners(name)
+                assert set(tracks.owners(name).values()) <= set(tracks.people)
+        forgotten = forgotten or 5 not in tracks.owners("front")
+    assert joined
+    assert forgotten
+
+
 @given(st.permutations(range(4)), st.integers(0, 3))
 def test_the_order_of_bodies_in_a_frame_does_not_matter(order: list[int], missing: int) -> None:
     one, other = Tracks(), Tracks()

@@ -1,10 +1,25 @@
-"""The cost of a bundle adjustment."""
+"""The cost of a bundle adjustment, and its derivatives."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from mocapella.calibration.board_bundle import Bundle, Corners, LensPrior, _cost, _Problem
+import numpy as np
+import pytest
+
+from mocapella.calibration.board_bundle import (
+    CAMERA,
+    POSE,
+    Bundle,
+    Corners,
+    LensPrior,
+    _cost,
+    _normal_equations,
+    _Problem,
+    _residual,
+)
+from mocapella.calibration.board_bundle import LENS as LENS_PART
+from mocapella.geometry.twists import exp_twist
 
 LENS = np.array([600.0, 600.0, 320.0, 240.0, 0.1, -0.05, 0.001, 0.001, 0.0])
 
@@ -30,3 +45,40 @@ def test_a_lens_costs_by_its_distance_from_the_prior_and_nothing_at_its_mean() -
         lens = LENS.copy()
         lens[axis] += 2.0
         np.testing.assert_allclose(prior_cost(lens), 4.0 * (axis + 1), rtol=1e-9)
+
+
+def test_the_right_sides_are_half_the_descent_of_the_cost_along_what_is_free_and_0_along_what_is_fixed() -> None:
+    rng, grid = np.random.default_rng(0), np.array([[x, y, 0.0] for x in (-0.2, 0.0, 0.2) for y in (-0.1, 0.1)])
+    unseen = Corners(np.repeat([0, 0, 1, 1], 6), np.repeat([0, 1, 0, 1], 6), np.tile(grid, (4, 1)), np.zeros((24, 2)))
+    bundle = Bundle(
+        exp_twist([[0.1, 0, 0, 0, 0.1, 0], [-0.1, 0, 0, 0, -0.1, 0.1]]),
+        LENS + np.array([[20.0], [-10.0]]) * [1, 1, 1, 1, 0.001, 0.001, 0.0001, 0.0001, 0.001],
+        exp_twist([[0, 0, 1.2, 0.3, 0, 0], [0, 0.1, 1.5, 0, -0.3, 0]]),
+    )
+    off = rng.normal(0, 3.0, (24, 2))  # as much as the loss's scale, so that its weights differ
+    corners = replace(unseen, pixel=off - _residual(unseen, bundle))
+    free = np.ones((2, CAMERA), np.bool_)
+    free[0, [0, 3, 6, 10]] = False
+    prior = LensPrior(np.stack([LENS, LENS]), np.stack([np.diag([0.01] * 4 + [1e4] * 5)] * 2))
+    problem = _Problem(corners, free, np.array([True, False]), prior, 1.0)
+    normal = _normal_equations(problem, bundle)
+
+    def cost(unknown: int, by: float) -> float:
+        step = by * np.eye(2 * CAMERA + 12)[unknown]
+        of_cameras, of_boards = step[: 2 * CAMERA].reshape(2, CAMERA), step[2 * CAMERA :].reshape(2, 6)
+        return _cost(
+            problem,
+            Bundle(
+                exp_twist(of_cameras[:, POSE]) @ bundle.T_camera_world,
+                bundle.lenses + of_cameras[:, LENS_PART],
+                bundle.T_world_board @ exp_twist(of_boards),
+            ),
+        )
+
+    estimated = np.r_[free.ravel(), [True] * 6, [False] * 6]
+    for unknown, right in enumerate(np.r_[normal.of_cameras, normal.of_boards.ravel()]):
+        if not estimated[unknown]:
+            assert right == 0.0
+        else:
+            descent = (cost(unknown, -1e-6) - cost(unknown, 1e-6)) / 2e-6
+            assert right == pytest.approx(descent / 2, rel=1e-4, abs=1e-4)

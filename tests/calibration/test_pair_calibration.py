@@ -29,12 +29,14 @@ from mocapella.calibration.pair_calibration import (
     ON_A_LINE,
     PairCalibration,
     PairSettings,
+    _covariance,
 )
 from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack, turned_joints
 from mocapella.errors import SettingsError
 from mocapella.geometry.alignment import MOMENTS, align, moments
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.geometry.twists import log_motion
+from mocapella.model.topology import topology, topology_names
 
 TRUTH = inverse(FRONT) @ SIDE
 WALKER = Walker()
@@ -189,6 +191,24 @@ def test_shoulders_turned_towards_the_sensor_hardly_turn_the_pose_of_a_person_in
     assert off(1.0) > np.radians(1.0)
 
 
+@pytest.mark.parametrize("name", ["kinect_v1", "kinect_v2", "nite"])
+def test_a_depth_sensor_turns_shoulders_elbows_and_hips_of_either_side(name: str) -> None:
+    known = topology(name)
+    turned = {joint.lower() for joint, is_turned in zip(known.joints, turned_joints(known), strict=True) if is_turned}
+    assert len(turned) == 6
+    for side in ("left", "right"):
+        for part in ("shoulder", "elbow", "hip"):
+            assert any(side in joint and part in joint for joint in turned)
+
+
+@pytest.mark.parametrize("name", sorted(topology_names()))
+def test_a_joint_is_turned_with_its_mirror_image_and_one_of_the_spine_never(name: str) -> None:
+    known = topology(name)
+    turned, mirror = turned_joints(known), np.array(known.mirror)
+    np.testing.assert_array_equal(turned[mirror], turned)
+    assert not turned[mirror == np.arange(len(mirror))].any()
+
+
 def test_joints_on_a_line_are_refused() -> None:
     pair, A, B = PairCalibration(), BodyTrack.empty(25), BodyTrack.empty(25)
     line = np.zeros((25, 3))
@@ -296,6 +316,23 @@ def test_the_covariance_is_that_of_the_errors() -> None:
     assert 0.5 < np.mean(nees) < 9.0
     assert np.max(nees) < 20.0
     assert np.mean(sds) < 4 * np.sqrt(np.mean(np.square(angles)))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-4, 1e-2, 1e3]), st.sampled_from([1e-4, 1e-2, 1e3]))
+def test_the_units_of_angles_and_of_the_clock_do_not_matter_to_the_covariance(
+    seed: int, per_rad: float, per_s: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    H, B = (x @ np.swapaxes(x, -1, -2) for x in rng.normal(size=(2, 1, 7, 20)))
+    W, samples, motion_s, residual, offset_sd = rng.uniform(0.5, 2.0, (5, 1))
+
+    def covariance(units: np.ndarray) -> np.ndarray:
+        scale = np.outer(units, units)
+        return _covariance(H * scale, B * scale, W, samples, motion_s, residual, offset_sd / units[6], PairSettings())
+
+    units = np.array([1.0] * 3 + [per_rad] * 3 + [per_s])
+    expected = covariance(np.ones(7)) / np.outer(units[:6], units[:6])
+    np.testing.assert_allclose(covariance(units), expected, rtol=1e-6)
 
 
 @pytest.mark.slow

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocapella.calibration.space_alignment import SpaceAlignmentSettings, align_space
+from mocapella.calibration.space_alignment import (
+    SpaceAlignmentSettings,
+    SpaceFit,
+    _linear,
+    _shortfalls,
+    align_space,
+)
 from mocapella.errors import CalibrationError, InputError, SettingsError
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.geometry.twists import exp_twist, log_motion
@@ -91,6 +98,19 @@ def test_outliers_and_holes_do_not_mislead() -> None:
     assert fit.instants < 0.8 * len(at_s)
 
 
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_a_start_without_noise_is_right_though_every_twentieth_point_is_elsewhere(seed: int) -> None:
+    T, rng = somewhere(seed), np.random.default_rng(seed)
+    poses = exp_twist(rng.uniform(-0.5, 0.5, (400, 6)))
+    p = apply(T @ poses, LEVERS[:1])
+    p[::20] += rng.uniform(-0.2, 0.2, p[::20].shape)
+    _, found, lever = _linear(p, poses[:, :3, :3], poses[:, :3, 3])
+    # What is left is because it weighs the points anew only a few times.
+    np.testing.assert_allclose(found, T, atol=0.001)
+    np.testing.assert_allclose(lever, LEVERS[:1], atol=0.001)
+
+
 @pytest.mark.parametrize(
     ("how", "said"),
     [
@@ -121,6 +141,43 @@ def test_without_poses_or_points_it_says_so() -> None:
     for given_ in ((at_s, np.full_like(p, np.nan), told_s, poses), (at_s, p, told_s[:1], poses[:1])):
         with pytest.raises(CalibrationError, match="too few shared instants"):
             align_space(*given_)
+
+
+WANTED = SpaceAlignmentSettings()
+AT_ITS_LIMITS = SpaceFit(
+    np.eye(4), LEVERS[:1], WANTED.delay_within_s, WANTED.largest_sd_m, WANTED.largest_sd_rad, WANTED.largest_sd_m,
+    WANTED.largest_delay_sd_s, WANTED.largest_residual_m, instants=100, left_out=50, turn_rad=1.0, space_m=1.0,
+)  # fmt: skip
+
+
+def test_a_fit_at_all_its_limits_is_good_enough() -> None:
+    assert list(_shortfalls(AT_ITS_LIMITS, WANTED)) == []
+    assert list(_shortfalls(msgspec.structs.replace(AT_ITS_LIMITS, delay_s=-WANTED.delay_within_s), WANTED)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem", "measured"),
+    [
+        ("residual_m", 0.031, "do not follow one rigid thing", "31 mm, at most 20 mm are"),
+        ("left_out", 51, "do not follow one rigid thing", "20 mm, at most 20 mm are"),
+        ("delay_s", 0.42, "clocks differ too much", "by 0.42 s, at most 0.3 s"),
+        ("delay_s", -0.42, "clocks differ too much", "by -0.42 s, at most 0.3 s"),
+        ("delay_sd_s", 0.024, "too slow to know the delay", "to 24 ms, 15 ms are"),
+        ("lever_sd_m", 0.013, "too little rotation", "to 13 mm, 10 mm are"),
+        ("position_sd_m", 0.012, "too uncertain", "to 12 mm and 1.7°, 10 mm and 1.7° are"),
+        ("rotation_sd_rad", np.radians(4.6), "too uncertain", "to 10 mm and 4.6°, 10 mm and 1.7° are"),
+    ],
+)
+def test_a_fit_beyond_one_limit_has_that_shortfall_alone_and_tells_both_figures(
+    name: str, value: float, problem: str, measured: str
+) -> None:
+    (told,) = _shortfalls(msgspec.structs.replace(AT_ITS_LIMITS, **{name: value}), WANTED)
+    assert problem in told.problem
+    assert measured in told.measured
+    if isinstance(value, float):
+        just = np.nextafter(getattr(AT_ITS_LIMITS, name), np.inf) * np.sign(value)
+        (again,) = _shortfalls(msgspec.structs.replace(AT_ITS_LIMITS, **{name: float(just)}), WANTED)
+        assert again.problem == told.problem
 
 
 def test_settings_that_cannot_be_are_refused() -> None:

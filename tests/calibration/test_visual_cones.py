@@ -11,6 +11,7 @@ from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
 from mocapella.calibration.visual_cones import MEET_FROM, disagreements, meetings
 from mocapella.model.camera import CameraRig
+from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 
 MESH = somebody()
@@ -66,6 +67,20 @@ def test_what_says_nothing_says_nothing(what):
     found = [one.overlap for one in meetings(seen, rig) if "c1" in one.cameras]
     assert np.isnan(found).all()
     assert disagreements(meetings(seen, rig)) == []
+
+
+@pytest.mark.parametrize("step_px", [1, 2])
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_a_silhouette_within_two_samples_of_any_edge_of_the_image_says_nothing(side, step_px):
+    (width, height), reach = RIG.cameras["c1"].camera.size_px, 9 * step_px
+    for room_px, says in ((2 * step_px, True), (2 * step_px - 1, False), (0, False)):
+        x, y = {
+            "left": (room_px, 100), "right": (width - 1 - room_px - reach, 100),
+            "top": (100, room_px), "bottom": (100, height - 1 - room_px - reach),
+        }[side]  # fmt: skip
+        square = Silhouette((x, y), step_px, np.ones((10, 10), np.float32))
+        (found,) = meetings({"c1": square, "c2": silhouettes_of(MESH, RIG, pose_at(MESH))["c2"]}, RIG)
+        assert np.isfinite(found.overlap) == says
 
 
 def test_silhouettes_at_a_coarser_step_meet_as_well():

@@ -47,7 +47,9 @@ def posed(model: ArmModel, rng: np.random.Generator, opened: bool = False) -> Ar
     if opened:
         z = OPEN[model.angle_of] + rng.normal(0, 0.05, len(model.natural))
     k.within(model.digits, model.columns, model.gains, z, model.c_max)
-    v = model.state(np.array([rng.normal(0, 0.1), rng.normal(0, 0.2), -1.0]))
+    v = model.state()
+    v[4:7] = rng.normal(0, 0.1), rng.normal(0, 0.2), -1.0
+    v[4:7] /= np.linalg.norm(v[4:7])
     v[7:10] = np.array([0, 0.5, -0.5]) + rng.normal(0, 0.5, 3)
     v[7:10] /= np.linalg.norm(v[7:10])
     v[[0, 1, 3]] = rng.uniform(0.9, 1.1, 3)

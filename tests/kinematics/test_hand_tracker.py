@@ -248,6 +248,21 @@ def test_wrong_input_is_refused_and_says_what_would_do() -> None:
         base_layout(RIGHT, 5)
 
 
+@pytest.mark.parametrize(
+    ("name", "last", "beyond"),
+    [
+        *((name, 360.0, 360.1) for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg")),
+        ("outlier_sd", 1.0, 0.999),
+        ("most_iterations", 1, 0),
+        ("most_iterations", 1000, 1001),
+    ],
+)
+def test_settings_at_their_limit_are_accepted_and_beside_it_refused(name: str, last: float, beyond: float) -> None:
+    assert getattr(HandSettings(**{name: last}), name) == last
+    with pytest.raises(SettingsError, match=name):
+        HandSettings(**{name: beyond})
+
+
 @pytest.mark.parametrize("name", list(HandSettings.__dataclass_fields__))
 def test_settings_out_of_range_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):

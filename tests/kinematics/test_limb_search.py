@@ -346,6 +346,21 @@ def test_without_doubt_nothing_is_looked_for_and_nothing_drawn() -> None:
     assert rng.random() == np.random.default_rng(0).random()
 
 
+@pytest.mark.parametrize(
+    ("worth_below", "against_above", "looks"),
+    [(-0.4, 0.5, False), (np.nextafter(-0.4, 1), 0.5, True), (0.0, 1.0, False), (0.0, np.nextafter(1.0, 0), True)],
+)
+def test_a_limb_exactly_at_a_threshold_is_not_looked_for_and_one_beyond_both_is(
+    worth_below: float, against_above: float, looks: bool
+) -> None:
+    """Where all is background, all samples are against it, and it is worth −`room`."""
+    how = LimbSearchSettings(drawn=3, kept=1, again=1, rounds=1, room=0.4, per_m=0.0, astray=float(worth_below),
+                             against=float(against_above))  # fmt: skip
+    rng, (local, places) = np.random.default_rng(0), placed(rest(MESH))
+    search(LIMBS["left upper arm"], local, places, everywhere(-1.0), rng, also_hidden=False, settings=how)
+    assert (rng.random() != np.random.default_rng(0).random()) is looks
+
+
 def test_limbs_end_freely_and_their_last_parts_are_limbs_too() -> None:
     assert sorted(LIMBS) == sorted(
         f"{side} {part}" for side in ("left", "right") for part in ("upper arm", "forearm", "thigh", "foot")

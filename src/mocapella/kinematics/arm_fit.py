@@ -249,16 +249,11 @@ class ArmModel:
         self._ways = [np.vstack([np.zeros((1, 5)), _ways(model, digit)]) for digit in range(5)]
         self.forearm_m = _FOREARM_OF_HAND * length
 
-    def state(self, forearm: Float64 | None = None) -> Float64:
-        """Return the sizes and limb directions (STATE,) of an average arm, laid out as in `arm_flesh_kernels`.
-
-        Args:
-            forearm: (3,) unit vector from wrist to elbow in the palm's frame; None for a straight wrist.
-        """
+    def state(self) -> Float64:
+        """Return the sizes and limb directions (STATE,) of an average straight arm, as `arm_flesh_kernels` has them."""
         v = np.empty(kernels().STATE)
         v[:4] = 1.0, 1.0, self.forearm_m, 1.0
-        v[4:7] = (0.0, 0.0, -1.0) if forearm is None else forearm / np.linalg.norm(forearm)
-        v[7:10] = v[4:7]
+        v[4:7] = v[7:10] = 0.0, 0.0, -1.0
         v[10:] = 1.0
         return v
 
