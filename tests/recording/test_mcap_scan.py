@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from mocapella.recording.mcap_file import MAGIC
-from mocapella.recording.mcap_scan import End, _next_chunk, _read_tail, _record_at, scan
+from mocapella.recording.mcap_scan import Damage, End, _next_chunk, _read_tail, _record_at, scan
 
 EMPTY = b"\x06" + struct.pack("<QQQQIIQ", 40, 0, 0, 0, 0, 0, 0)
 """A chunk without messages."""
@@ -77,6 +77,19 @@ def test_the_next_chunk_is_one_that_ends_before_the_end(before: int) -> None:
     assert _next_chunk(file, 0, end + 100) == before
     assert _next_chunk(file, 0, end - 1) is None
     assert _next_chunk(file, before + 1, end) is None
+
+
+@pytest.mark.parametrize("behind", [b"", EMPTY], ids=["the file ends", "a chunk follows"])
+def test_what_was_read_is_not_read_again(behind: bytes) -> None:
+    """The last byte of a good record and the damaged bytes behind it look like a chunk."""
+    header = b"\x01" + struct.pack("<Q", 1) + EMPTY[:1]
+    data = MAGIC + header + EMPTY[1:] + behind
+    start, end = len(MAGIC + header), len(MAGIC + header + EMPTY[1:])
+    told = list(scan(io.BytesIO(data), len(data), "made.mcap"))
+    if behind:
+        assert told == [Damage(start, end, "no record can be read there"), End(False, 0)]
+    else:
+        assert told == [End(False, end - start)]
 
 
 @pytest.mark.parametrize(("before", "there"), [(8, True), (7, False), (0, False)])
