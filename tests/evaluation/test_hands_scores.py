@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.evaluation import hands
+from mocapella.model.hand import TIPS
+from mocapella.model.markers import marker_frame
+from mocapella.model.observations import Arrival
+from mocapella.sources.simulate.hand_camera import HandCameraFrame
+from mocapella.sources.simulate.hand_motion import landmarks_of
+from mocapella.sources.simulate.hand_scene import HandScene, load_hand_scene
 
 
 @pytest.mark.slow
@@ -22,6 +31,54 @@ def test_a_scene_is_scored_and_the_hand_is_where_it_says(monkeypatch: pytest.Mon
     assert scores["depth_percent_mean"] < 1
     assert scores["jitter_mm"] < scores["tip_mm_p95"]
     assert all(np.isfinite(value) for value in scores.values())
+
+
+FPS = 20
+
+
+class TopRow:
+    """A camera that sees every marker in its topmost row, which is read at the image's own time."""
+
+    def __init__(self, scene: HandScene, camera: str) -> None:
+        self._scene, self._camera = scene, scene.cameras[camera]
+
+    def frames(self, start_s: float, stop_s: float) -> Iterator[HandCameraFrame]:
+        names = self._scene.names
+        px = np.column_stack([np.arange(len(names)), np.zeros(len(names))])
+        shot: Any = SimpleNamespace(visible=np.ones(len(names)), centres_px=px)
+        for k in range(round((stop_s - start_s) * FPS)):
+            at_s = start_s + k / FPS
+            frame = marker_frame(
+                self._camera.name, names, time_ns=round(at_s * NS_PER_S), size_px=self._camera.size_px, positions_px=px
+            )
+            yield HandCameraFrame(at_s, frame, shot)
+
+
+class Truthful:
+    """A tracker that knows where the hand is."""
+
+    def __init__(self, scene: HandScene) -> None:
+        self._scene = scene
+
+    def update(self, arrival: Arrival) -> Any:
+        pose = self._scene.motion.at(arrival.frame.time_ns / NS_PER_S)
+        landmarks = landmarks_of(self._scene.model, self._scene.shape, pose)
+        hand = SimpleNamespace(landmarks=landmarks, angles=pose.angles)
+        return SimpleNamespace(hands=(hand,), points=SimpleNamespace(positions=landmarks[list(TIPS)]))
+
+
+def test_who_knows_the_truth_is_scored_perfect_in_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = load_hand_scene("demo", seed=3)
+    monkeypatch.setattr(hands, "load_hand_scene", lambda *_, **__: scene)
+    monkeypatch.setattr(hands, "SimulatedHandCamera", TopRow)
+    monkeypatch.setattr(hands, "HandsTracker", lambda *_, **__: Truthful(scene))
+    rows = hands.run("demo", 3)
+    cameras, markers = len(scene.cameras), len(scene.names)
+    assert rows["found"].shape == (cameras * FPS * hands.LASTS_S, markers)
+    assert rows["landmark_mm"].shape == (cameras * FPS * (hands.LASTS_S - hands.SETTLE_S), 21)
+    scores = hands._scores(rows)
+    assert scores.pop("found_percent") == 100
+    assert scores == pytest.approx(dict.fromkeys(scores, 0.0), abs=1e-3)
 
 
 def test_what_cannot_be_scored_is_refused() -> None:

@@ -14,7 +14,7 @@ import pytest
 from mocapella.errors import SettingsError
 from mocapella.evaluation import simulation
 from mocapella.evaluation.simulation import TARGETS, evaluate, run, scene_room, scene_summaries, summary
-from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_y
+from mocapella.geometry.rigid import apply, rigid, rotation_about_x, rotation_about_y
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Person, Phase, Scene, SensorPlace, TrackerState
 from mocapella.sources.simulate import Room, SimulatedFrame, SimulatedSensor, build_room, merge
@@ -169,6 +169,34 @@ def test_an_error_of_every_joint_is_the_error_and_inferred_joints_are_told_apart
     assert figures["measured_cm"] == pytest.approx(2)
     assert figures["inferred_cm"] == pytest.approx(10)
     assert figures["fused_cm"] == pytest.approx((5 * 10 + 20 * 2) / 25)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_who_repeats_the_only_sensor_has_its_errors_and_who_doubles_them_twice_these(factor: float) -> None:
+    settings = room().settings
+    alone = build_room(dataclasses.replace(settings, sensors=settings.sensors[:1]))
+    items = list(merge([SimulatedSensor(alone, alone.sensor_names[0])], 6.0, 9.0))  # some joints are hidden
+
+    class Echo(Oracle):
+        def __init__(self) -> None:
+            super().__init__()
+            self.room, self.items = alone, {item.frame.sequence: item for item in items}
+
+        def update(self, arrival: Arrival) -> Scene:
+            item = self.items[arrival.frame.sequence]
+            self.truths[arrival.frame.sensor, arrival.frame.sequence] = item.truth
+            scene = super().update(arrival)
+            seen = apply(item.truth.T_world_sensor, item.frame.positions.astype(np.float64))
+            true = item.truth.positions[item.truth.body_people]
+            said = dict(zip(item.truth.body_people.tolist(), true + factor * (seen - true), strict=True))
+            echoed = [msgspec.structs.replace(p, positions=said[p.id]) for p in scene.people if p.id in said]
+            return scene.with_parts(people=tuple(echoed))
+
+    figures = run(Echo(), alone, items)
+    assert figures["best_sensor_cm"] is not None
+    assert figures["best_sensor_cm"] > 0.1
+    assert figures["fused_of_best_sensor_percent"] == pytest.approx(100 * factor)
+    assert figures["hidden_of_sensor_percent"] == pytest.approx(100 * factor)
 
 
 @pytest.mark.slow

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
 from mocapella.errors import SettingsError
-from mocapella.evaluation.two_cameras import beside, two_camera_scores
+from mocapella.evaluation.two_cameras import beside, looks_of, two_camera_scores
 from mocapella.geometry.rigid import apply
+from mocapella.model.arms import SeenArms
 from mocapella.model.hand import TIPS
 from mocapella.sources.simulate.depth_scene import load_depth_scene
 from mocapella.sources.simulate.seen_arms import SeenArmSettings, SimulatedArms
@@ -55,6 +57,37 @@ def test_without_motion_a_second_camera_has_no_place_and_no_score() -> None:
     told = two_camera_scores(scene, (SimulatedArms().look, SimulatedArms().look), fps=5.0, seconds=1.0, rig=False)
     assert math.isnan(told["place"]["known_after_s"])
     assert told["fused"]["instants"] == 0
+
+
+class Kept:
+    """A detector that keeps what it is given."""
+
+    name = "kept"
+
+    def __init__(self) -> None:
+        self.given: list[tuple[np.ndarray, float]] = []
+
+    def update(self, depth: np.ndarray, at_s: float) -> SeenArms:
+        self.given.append((depth, at_s))
+        return SeenArms((), "it does not look")
+
+    def reset(self) -> None:
+        self.given.clear()
+
+
+def test_each_detector_is_given_the_depth_of_its_own_camera_in_metres() -> None:
+    shot = load_depth_scene("still", seed=1, sensor="exact").at(0.3)
+    one, two = Kept(), Kept()
+    looks = looks_of((one, two))
+    assert looks[1](shot).reason == "it does not look"
+    looks[1](msgspec.structs.replace(shot, unit_m=2 * shot.unit_m))
+    assert one.given == []
+    (depth, at_s), (twice, _) = two.given
+    there = np.isfinite(shot.exact_m)
+    assert there.any()
+    assert (depth.dtype, at_s) == (np.float32, 0.3)
+    np.testing.assert_allclose(depth, np.where(there, shot.exact_m, 0), atol=shot.unit_m)
+    np.testing.assert_allclose(twice, 2 * depth)
 
 
 def test_a_scene_of_two_arms_is_refused() -> None:

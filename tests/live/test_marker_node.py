@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -18,14 +20,22 @@ from typer.testing import CliRunner
 
 from mocapella.cli.app import app
 from mocapella.errors import MocapellaError, SettingsError
+from mocapella.live.marker_node import MarkerNodeSummary, run_marker_node
+from mocapella.live.stage_times import StageTimes
 from mocapella.model.board import parse_board
-from mocapella.model.markers import MarkerFrame
+from mocapella.model.camera import Camera
+from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.schema import decode_frame
 from mocapella.sensing.boards import board_png
 from mocapella.sensing.colour_profile import load_profile, save_profile
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture, SourceState
 from mocapella.sources.simulate.hand_camera import pointed_at
 from mocapella.sources.simulate.hand_scene import load_hand_scene
+from mocapella.supervision import Boundary
+from mocapella.testing import FakeCamera
 from mocapella.wire import keys
+from mocapella.wire.keys import NodeKey
 from mocapella.wire.questions import (
     AskBoard,
     AskControls,
@@ -290,6 +300,80 @@ def test_what_cannot_be_served_says_why(tmp_path: Path, monkeypatch: pytest.Monk
         done = CliRunner().invoke(app, ["node", "markers", *arguments])
         assert isinstance(done.exception, MocapellaError), done.output
         assert says in str(done.exception)
+
+
+class OneMarker:
+    """Processing that sees one marker at the image's origin."""
+
+    names = ("red",)
+
+    def look(self, picture: Picture) -> MarkerFrame:
+        return marker_frame("left", self.names, time_ns=picture.time_ns, size_px=(64, 48), positions_px=[[0, 0]])
+
+    def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
+        return True
+
+    def words(self) -> str:
+        return ""
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        return iter(())
+
+    def report(self) -> dict[str, Any]:
+        return {}
+
+
+class StoppingLink:
+    """A node's link without a bus, which stops the node at the third frame."""
+
+    node, address, put_off = NodeKey("left", 1), "tcp/127.0.0.1:1", ""
+
+    def __init__(self) -> None:
+        self.errors, self.stop, self.published = Boundary(), threading.Event(), 0
+        self.heard_s = time.monotonic()
+
+    def join(self, timeout: float = 1.0) -> bool:
+        return True
+
+    def server_is_there(self) -> bool:
+        return True
+
+    def answer(self, ask: Any) -> None:
+        pass
+
+    def publish(self, frame: MarkerFrame) -> None:
+        self.published += 1
+        if self.published == 3:
+            self.stop.set()
+
+
+def run_here(times: StageTimes | None, camera: Camera | None = None) -> MarkerNodeSummary:
+    """Run a node with a clock that goes on by a second with each look at it."""
+    link, work, service = StoppingLink(), OneMarker(), SimpleNamespace(ask=None)
+    seconds = itertools.count()
+    with Acquisition(FakeCamera(SourceState((64, 48), None))) as acquisition:
+        return run_marker_node(
+            link, acquisition, work, service, stop=link.stop, times=times, camera=camera,  # type: ignore[arg-type]
+            clock=lambda: float(next(seconds)),
+        )  # fmt: skip
+
+
+def test_a_node_measures_times_only_if_it_is_asked_to() -> None:
+    done = run_here(None)
+    assert (done.published, done.report, done.stages, done.jitter) == (3, {"errors": {}}, None, None)
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_each_stage_takes_its_own_time_and_all_take_the_sum(calibrated: bool) -> None:
+    camera = Camera("left", (64, 48), np.array([50.0, 50, 31.5, 23.5, 0, 0, 0, 0, 0])) if calibrated else None
+    done = run_here(StageTimes(3, 1), camera)
+    assert done.stages is not None
+    taken_s = {"retrieval": 0, "detection": 1, "sending": 1} | ({"rectification": 1} if calibrated else {})
+    assert {name: row["mean_ms"] for name, row in done.stages.items()} == {
+        name: 1000 * seconds for name, seconds in (taken_s | {"all": sum(taken_s.values())}).items()
+    }
+    assert {row["frames"] for row in done.stages.values()} == {3}
+    assert done.jitter == {"red": {"x_px": 0, "y_px": 0, "seen": 3}}
 
 
 @pytest.mark.slow

@@ -79,6 +79,15 @@ def test_scaling_by_height_scales_everything(sex: str, scale: float) -> None:
     assert volume(other) == pytest.approx(scale**3 * volume(one), rel=5e-3)
 
 
+@pytest.mark.parametrize("sex", SEXES)
+def test_a_body_twice_as_high_has_the_same_mesh_twice_as_large(sex: str) -> None:
+    one, other = body_mesh(sex, 0.9, supple=True), body_mesh(sex, 1.8, supple=True)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(one.faces, other.faces)
+    np.testing.assert_array_equal(one.bones, other.bones)
+    np.testing.assert_allclose(2 * one.vertices, other.vertices, atol=0.5e-3)
+    np.testing.assert_allclose(one.shares, other.shares, atol=2e-3)
+
+
 @pytest.mark.parametrize(("sex", "height", "kilograms"), [("male", 1.756, 78.5), ("female", 1.629, 62.0)])
 def test_a_body_has_the_volume_of_a_person(sex: str, height: float, kilograms: float) -> None:
     """Means of the 1988 survey of U.S. Army personnel; people are about as dense as water."""
@@ -186,6 +195,16 @@ def test_a_supple_body_nods_tilts_its_head_and_turns_its_waist_and_is_else_the_s
     assert moved.any()
     assert supple.vertices[moved, 1].min() > neck[1] - 0.02
     assert supple.vertices[~moved, 1].max() < neck[1] + 0.08
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_a_nodding_head_keeps_its_shape(sex: str) -> None:
+    """Only the neck bends: the skull is rigid."""
+    mesh = body_mesh(sex, supple=True)  # type: ignore[arg-type]
+    skull = mesh.vertices[:, 1] > places(mesh)["nose"][1]
+    pose = turned(mesh, neck_nod=40, neck_tilt_to_the_left=20)
+    T = part_motions(mesh.tree, pose)[mesh.part_names.index("head")]
+    np.testing.assert_allclose(posed(mesh, pose)[skull], mesh.vertices[skull] @ T[:3, :3].T + T[:3, 3], atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

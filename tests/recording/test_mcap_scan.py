@@ -97,6 +97,19 @@ def test_damage_ends_where_the_next_chunk_begins_or_with_the_data_of_a_closed_fi
     assert last == End(closed, 0 if chunk_behind or closed else length)
 
 
+@pytest.mark.parametrize("behind", [b"", EMPTY], ids=["the file ends", "a chunk follows"])
+def test_what_was_read_is_not_read_again(behind: bytes) -> None:
+    """The last byte of a good record and the damaged bytes behind it look like a chunk."""
+    header = b"\x01" + struct.pack("<Q", 1) + EMPTY[:1]
+    data = MAGIC + header + EMPTY[1:] + behind
+    start, end = len(MAGIC + header), len(MAGIC + header + EMPTY[1:])
+    told = list(scan(io.BytesIO(data), len(data), "made.mcap"))
+    if behind:
+        assert told == [Damage(start, end, "no record can be read there"), End(False, 0)]
+    else:
+        assert told == [End(False, end - start)]
+
+
 @pytest.mark.parametrize(("before", "there"), [(8, True), (7, False), (0, False)])
 def test_the_end_of_a_file_is_behind_its_magic(before: int, there: bool) -> None:
     """The end of the data, without a summary, is nowhere else."""

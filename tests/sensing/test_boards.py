@@ -12,7 +12,8 @@ import pytest
 
 from mocapella.geometry.homography import homography
 from mocapella.model.board import Board
-from mocapella.sensing.boards import BoardDetector, board_png, draw_board, edge_width, why_not_found
+from mocapella.sensing import boards
+from mocapella.sensing.boards import FEW_MARKERS, BoardDetector, board_png, draw_board, edge_width, why_not_found
 
 CHARUCO = Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50")
 SQUARE = 80
@@ -85,6 +86,22 @@ def test_the_first_square_of_a_chessboard_is_black_also_when_it_is_turned() -> N
     assert np.abs(view.corners_px - (np.array(SIZE) - 1 - at)).max() < 0.3
 
 
+def test_the_end_at_which_opencv_begins_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    board = Board("chessboard", 6, 5, 0.05)
+    image, at = picture(board)
+    search = boards._largest_chessboard
+
+    def from_the_other_end(gray: np.ndarray, least: tuple[int, int]) -> tuple[bool, np.ndarray, tuple[int, int]]:
+        found, corners, counts = search(gray, least)
+        return found, corners[::-1], counts
+
+    for told in (search, from_the_other_end):
+        monkeypatch.setattr(boards, "_largest_chessboard", told)
+        view = BoardDetector(board).update(image, "a", 0)
+        assert view is not None
+        assert np.abs(view.corners_px - at).max() < 0.3
+
+
 def test_a_picture_without_a_board_is_counted() -> None:
     detector = BoardDetector(CHARUCO)
     assert detector.update(np.full((480, 640, 3), 90, dtype=np.uint8), "a", 0) is None
@@ -140,6 +157,17 @@ def test_markers_in_another_order_are_named_with_the_numbers_that_the_board_has(
     assert said is not None
     seen, highest, last = map(int, said.groups())
     assert seen == highest + 1 == last + 1
+
+
+@pytest.mark.parametrize("count", [FEW_MARKERS - 1, FEW_MARKERS])
+def test_another_board_is_named_from_so_many_markers_on(count: int) -> None:
+    image = np.full((240, 100 * count + 60), 255, np.uint8)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_50)
+    for k in range(count):
+        image[80:160, 40 + 100 * k : 120 + 100 * k] = cv2.aruco.generateImageMarker(dictionary, k, 80)
+    said = why_not_found([image], CHARUCO)
+    assert (f"of DICT_6X6_50 there are {count} markers" in said) == (count == FEW_MARKERS)
+    assert ("nor any other board" in said) == (count < FEW_MARKERS)
 
 
 def test_a_mirrored_picture_is_told() -> None:

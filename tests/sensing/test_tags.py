@@ -146,6 +146,18 @@ def test_sides_that_cannot_be_measured_leave_corners_where_opencv_sees_them_and_
     assert np.linalg.norm(error, axis=-1).max() < 3.0
 
 
+@pytest.mark.parametrize(("off_px", "refined"), [(2.0, True), (3.2, False)])
+@pytest.mark.parametrize("at_px", [16.0, 24.0])
+def test_a_corner_half_a_cell_from_opencvs_belongs_to_another_edge(at_px: float, off_px: float, refined: bool) -> None:
+    """A cell of this tag of eight is five pixels wide; where the tag is in the image does not matter."""
+    true = np.array([[0, 0], [40, 0], [40, 40], [0, 40]]) + at_px
+    near = true + off_px / np.sqrt(2) * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    detector = TagDetector("left", TagSettings(reach_px=50.0))
+    found, sd = detector._corners(dark_square(at_px, at_px, 40, 40), near)
+    np.testing.assert_allclose(found, true if refined else near, atol=0.05)
+    assert (sd < 0.2).all() == refined
+
+
 def test_markers_of_one_picture_are_joined() -> None:
     tags = TagDetector("left").update(picture(4, 7), 0.0)
     colours = marker_frame("left", ["red"], time_ns=5, size_px=(320, 240), positions_px=[[3, 4]], node_id=8, sequence=9)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
 from mocapella.model.hand import TIPS
-from mocapella.model.observations import Arrival, JointState
+from mocapella.model.observations import Arrival
 from mocapella.settings import parse
 from mocapella.sources.simulate.hand_camera import SimulatedHandCamera
 from mocapella.sources.simulate.hand_motion import landmarks_of
@@ -92,8 +92,8 @@ def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Fram
         For each camera frame and marker, (frames, markers): whether it must be found, ``wanted``, is ``found``, or is
         detected in a wrong place, ``false``; and its error ``off_px``. For each frame after `SETTLE_S`: errors
         ``marker_mm`` and ``depth_percent`` (frames, 5) of the triangulated fingertips; errors of the hand,
-        ``landmark_mm`` (frames, 21), ``tip_off_m`` (frames, 5, 3) less their mean, and ``angle_deg`` (frames, 21); and
-        whether its fingertips are ``measured`` (frames, 5). NaN where there is no marker or hand.
+        ``landmark_mm`` (frames, 21), ``tip_off_m`` (frames, 5, 3) less their mean, and ``angle_deg`` (frames, 21). NaN
+        where there is no marker or hand.
     """
     scene = load_hand_scene(name, seed=seed)
     given = {"base_places_m": base_places(scene).tolist(), "tips": scene.names[:5], "base": scene.names[5:]}
@@ -129,15 +129,14 @@ def run(name: str, seed: int, settings: Mapping[str, Any] | None = None) -> Fram
         rows["landmark_mm"].append(1e3 * np.linalg.norm(landmarks - truth, axis=-1))
         rows["tip_off_m"].append((landmarks - truth)[list(TIPS)])
         rows["angle_deg"].append(np.degrees(np.abs(there.angles - pose.angles)) if there else np.full(21, np.nan))
-        rows["measured"].append(there is not None and (there.states[list(TIPS)] == JointState.TRACKED))
-    made = {key: np.array([np.broadcast_to(v, np.shape(values[0])) for v in values]) for key, values in rows.items()}
+    made = {key: np.array(values) for key, values in rows.items()}
     made["tip_off_m"] -= np.nanmean(made["tip_off_m"], axis=0)  # a constant error is no jitter
     return made
 
 
 _KEYS: Final = (
-    *("wanted", "found", "false", "off_px", "marker_mm", "depth_percent", "landmark_mm", "tip_off_m", "angle_deg"),
-    "measured",
+    *("wanted", "found", "false", "off_px"),
+    *("marker_mm", "depth_percent", "landmark_mm", "tip_off_m", "angle_deg"),
 )
 
 

@@ -48,7 +48,7 @@ class Looked:
         hand: the joints in the image.
         joints: (8, 3) in the camera frame (x right, y down) [m], in the order of `ARM_JOINTS`.
         found: (8,) bool; False for a finger placed at the palm, and for a joint that is NaN because it is outside the
-            lens's domain.
+            lens's domain; not None if ``joints`` is not.
         reason: why there are no joints; empty if there are.
     """
 
@@ -106,9 +106,10 @@ class LineSkeleton:
             SettingsError: the image has another size than the camera's.
         """
         looked = self.look(depth)
-        if looked.joints is None or looked.found is None:
+        if looked.joints is None:
             self._id, self._seen = self._id + self._seen, False
             return SeenArms((), looked.reason)
+        assert looked.found is not None
         self._seen = True
         points = np.full((len(ARM_POINTS), 3), np.nan)
         states = np.full(len(ARM_POINTS), JointState.NOT_TRACKED, np.uint8)
