@@ -130,7 +130,7 @@ def test_recordings_of_no_use_are_refused(
         tune(still, fast, 0.0006, 0.02)
 
 
-@pytest.mark.parametrize(("jitter_goal", "lag_goal_s"), [(0.0, 0.1), (0.1, 0.0)])
+@pytest.mark.parametrize(("jitter_goal", "lag_goal_s"), [(0.0, 0.1), (0.1, 0.0), (0.1, LONGEST_LAG_S)])
 def test_goals_out_of_range_are_refused(jitter_goal: float, lag_goal_s: float) -> None:
     with pytest.raises(SettingsError, match="goal"):
         tune(STILL, FAST, jitter_goal, lag_goal_s)
