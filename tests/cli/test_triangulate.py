@@ -87,6 +87,16 @@ def test_a_power_law_is_fitted_and_shown(tmp_path: Path) -> None:
     assert "the cameras are swapped" in " ".join(done.stderr.split())
 
 
+@pytest.mark.parametrize("lag_ms", ["0", "400", "500"])
+def test_a_goal_of_lag_that_cannot_be_measured_is_refused(tmp_path: Path, lag_ms: str) -> None:
+    for name in ("still", "fast"):
+        (tmp_path / f"{name}.csv").touch()
+    goals = ("--jitter", "0.3", "--lag-ms", lag_ms)
+    done = run_here(tmp_path, "lab", "tune", "one-euro", "still.csv", "fast.csv", *goals)
+    assert done.returncode == 1
+    assert f"--lag-ms is {float(lag_ms)}; it must be above 0 and below 400 ms" in done.stderr
+
+
 @pytest.mark.slow
 def test_the_filter_is_tuned_in_two_steps(tmp_path: Path) -> None:
     rng, at_s = np.random.default_rng(0), np.arange(150) / 60

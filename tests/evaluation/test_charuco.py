@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 
-from mocapella.errors import EvaluationError
+from mocapella.errors import CalibrationError, EvaluationError
+from mocapella.evaluation import charuco as module
 from mocapella.evaluation.charuco import evaluate
+from mocapella.model.board import Board, encode_board
 
 
 @pytest.mark.slow
@@ -21,6 +24,28 @@ def test_real_webcams_are_calibrated_by_every_second_odd_frame(camera_recordings
     assert abs(ours["scale_percent"]) < 0.5
     assert reference["distance_rms_mm"] < 1.5
     assert all(report["own_px"] < 0.3 for report in result["calibration"]["cameras"].values())
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_only_a_calibration_by_all_frames_is_cross_validated(
+    step: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That takes twice as long again, and a larger step is for a quick check."""
+    (tmp_path / "calibration" / "extrinsic").mkdir(parents=True)
+    for name in ("left", "right"):
+        (tmp_path / "calibration" / "extrinsic" / f"{name}.mp4").touch()
+    (tmp_path / "charuco.toml").write_text(encode_board(Board("charuco", 5, 4, 0.05)), encoding="utf-8")
+    asked: list[bool] = []
+
+    def calibrate(views: list[Any], board: Board, *, measure: bool) -> NoReturn:
+        asked.append(measure)
+        raise CalibrationError("of no views")
+
+    monkeypatch.setattr(module, "pictures", lambda video, frames: [])
+    monkeypatch.setattr(module, "calibrate_cameras", calibrate)
+    with pytest.raises(CalibrationError, match="of no views"):
+        evaluate(tmp_path, step=step)
+    assert asked == [step == 1]
 
 
 def test_a_folder_without_videos_is_refused(tmp_path: Path) -> None:

@@ -10,13 +10,15 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from support.evaluation_sessions import session_of
+from support.evaluation_sessions import log_of, session_of
 from support.programs import result_here, run_here
+from support.study_examples import FRONT
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation import facing_sessions as module
 from mocapella.evaluation.facing_sessions import (
     FacingSession,
+    aligned_views,
     facing_session,
     facing_sessions,
     figures,
@@ -24,10 +26,12 @@ from mocapella.evaluation.facing_sessions import (
     split,
 )
 from mocapella.evaluation.facing_simulation import simulated_figures
+from mocapella.evaluation.study_pairs import StudySession
 from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.facing_model import FacingModel, read_model, shipped_model
 from mocapella.fusion.facing_shape import View
 from mocapella.fusion.facing_training import FacingSequence
+from mocapella.model.study_log import StudyLog
 from mocapella.model.topology import topology
 from mocapella.sources.simulate import load_scene
 
@@ -84,6 +88,36 @@ def test_where_the_model_cannot_be_written_is_said_before_the_work(study_logs: P
 def test_logs_of_two_people_teach_no_facing(study_logs: Path) -> None:
     with pytest.raises(InputError, match="nothing to learn facing from"):
         facing_sessions(study_logs, {22})
+
+
+def test_a_log_of_one_person_in_all_tasks_with_a_front_sensor_has_views() -> None:
+    assert aligned_views(session_of(frames=30)) is not None
+
+
+def test_a_log_of_two_people_has_no_views_even_with_all_tasks_and_a_front_sensor() -> None:
+    one = log_of(frames=30)
+    both = {name: np.repeat(getattr(one, name), 2, axis=0) for name in one.__struct_fields__ if name != "source"}
+    both["person_id"] = both["person_id"] + np.arange(120) % 2
+    both["positions"] = both["positions"] + np.where(np.arange(120) % 2, np.float32(1), np.float32(0))[:, None, None]
+    two = StudySession(StudyLog(one.source, **both))
+    assert two.two_people
+    assert set(two.pairs.task.tolist()) == set(module.TASKS)
+    assert module.FRONT in two.replay.sensors
+    assert aligned_views(two) is None
+
+
+def test_a_log_without_a_front_sensor_has_no_views() -> None:
+    log = log_of(frames=30)
+    kinects = np.where(log.kinect_id == FRONT, "10.0.0.1", log.kinect_id)
+    assert aligned_views(StudySession(msgspec.structs.replace(log, kinect_id=kinects))) is None
+
+
+@pytest.mark.parametrize("task", module.TASKS)
+def test_a_log_without_one_of_the_tasks_has_no_views(task: int) -> None:
+    log = log_of(frames=30)
+    other = next(one for one in module.TASKS if one != task)
+    tasks = np.where(log.scenario_id == task, other, log.scenario_id)
+    assert aligned_views(StudySession(msgspec.structs.replace(log, scenario_id=tasks))) is None
 
 
 def session(participant: int, frames: int = 300) -> FacingSession:

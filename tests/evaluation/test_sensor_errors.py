@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from support.evaluation_sessions import log_of
 
 from mocapella.association.proportions import SD_M
 from mocapella.errors import InputError
+from mocapella.evaluation import sensor_errors
 from mocapella.evaluation.facing_sessions import AlignedViews
 from mocapella.evaluation.labelled_views import LabelledViews, mirrored_better
 from mocapella.evaluation.sensor_error_fit import (
@@ -20,10 +23,19 @@ from mocapella.evaluation.sensor_error_fit import (
     knot_autocorrelation,
     unexplained,
 )
-from mocapella.evaluation.sensor_errors import measure, told_apart
+from mocapella.evaluation.sensor_errors import as_simulated, measure, told_apart
 from mocapella.recording.study_log import write_study_log
+from mocapella.sources.simulate import scene_settings
 from mocapella.sources.simulate.body import BODY, JOINT
-from mocapella.sources.simulate.measured import BIAS_BINS, Errors, bias_place, view_axes
+from mocapella.sources.simulate.measured import (
+    BIAS_BINS,
+    Errors,
+    SensorErrors,
+    bias_place,
+    measured_errors,
+    view_axes,
+)
+from mocapella.sources.simulate.room import PersonSettings
 
 MIRROR = list(BODY.mirror)
 RNG = np.random.default_rng(5)
@@ -110,6 +122,34 @@ def test_a_real_log_gives_a_table_that_a_sensor_can_use(study_logs: Path, tmp_pa
     assert errors.mirrored[0] < 0.05
     assert errors.mirrored[-1] > 0.8
     assert 0.003 < np.median(used.sd_m[:, 0, 0]) < 0.06
+
+
+def labels_swapped_from_behind(share: list[float]) -> SensorErrors:
+    """Exact sensors that swap left and right where they see a person's back, and the facings to compare with."""
+    half, joints = [0.0, 89.999, 90.001, 180.0], len(BODY)
+    return msgspec.structs.replace(
+        measured_errors().data,
+        measured_on={"by_placement": {"90": {"walk_alpha_share": share}}},
+        alpha_deg=half, mirrored=[0.0, 0.0, 1.0, 1.0],
+        yaw_deg=half, mirrored_yaw_deg=[yaw - 180 for yaw in half], yaw_sd_deg=[0.0] * 4, mirrored_yaw_sd_deg=[0.0] * 4,
+        bias_m=np.zeros((joints, BIAS_BINS, 3)).tolist(), sd_m=np.full((joints, 2, 3), 1e-6).tolist(),
+        white_m=[0.0] * joints, losses_per_min=0.0, joint_lost=0.0,
+    )  # fmt: skip
+
+
+def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of sensors 90° apart, one alone sees the back at an α of 90° to 120° at the first, or of −60° to −90°.
+
+    At 60° to 90°, towards the second sensor, neither sees it, and both at −90° to −120°.
+    """
+    turns = PersonSettings((0.8, 2.8), "route", route=("stand 0.4", "turn 320", "turn 190", "turn 70"))
+    scene = dataclasses.replace(scene_settings("walk"), people=(turns,))
+    monkeypatch.setattr(sensor_errors, "scene_settings", lambda name: scene)
+    monkeypatch.setattr(sensor_errors, "STILL_S", 0.3)
+    neither, first, second, both = 0.4, 0.3, 0.2, 0.1
+    share = [0.0, 0.0, both, second, 0.0, 0.0, 0.0, 0.0, neither, first, 0.0, 0.0]
+    found = as_simulated(labels_swapped_from_behind(share), seeds=(0,))
+    assert found["90"]["mirrored_better_percent"] == pytest.approx(100 * (first + second), abs=2)
 
 
 def test_a_folder_without_somebody_in_all_three_tasks_is_refused(tmp_path: Path) -> None:

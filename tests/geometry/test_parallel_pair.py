@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
-from mocapella.geometry.parallel_pair import ParallelPair, PowerLaw, fit, swapped, view_angle_of
+from mocapella.geometry.parallel_pair import (
+    DistanceTable,
+    ParallelPair,
+    PowerLaw,
+    distance_table,
+    fit,
+    swapped,
+    view_angle_of,
+)
 
 # Distances [cm] and disparities [px] that were measured with two cameras 7.5 cm apart, of 640 columns (table 10.1 of
 # the thesis that described the system), its calculated distances, and those it corrected.
@@ -70,6 +78,31 @@ def test_a_point_comes_back_from_both_pictures(x: float, y: float, z: float) -> 
     left, right = (np.array([x + side, y]) * f / z + c for side in (-0.0375, 0.0375))
     depth = PAIR.depth((right - left)[0])
     np.testing.assert_allclose(PAIR.points(left, right, depth, 480), [x, y, z], atol=1e-12)
+
+
+@given(st.lists(st.floats(0.1, 10), min_size=1, max_size=9), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+def test_distances_that_are_all_off_by_one_share_have_that_mean_error(
+    distances: list[float], calculated: float, corrected: float
+) -> None:
+    m = np.array(distances)
+    table = DistanceTable(PowerLaw(1.0, -1.0), m, 1 / m, (1 + calculated) * m, (1 + corrected) * m, 0 * m)
+    assert table.mean_error == pytest.approx(abs(calculated), abs=1e-12)
+    assert table.corrected_mean_error == pytest.approx(abs(corrected), abs=1e-12)
+
+
+def test_the_tables_correction_more_than_halves_its_mean_error() -> None:
+    table = distance_table(CM / 100, PX, PAIR)
+    assert table.mean_error == pytest.approx(0.0230, abs=0.00005)
+    assert table.corrected_mean_error == pytest.approx(0.0094, abs=0.00005)
+    np.testing.assert_allclose(table.rows_cm()[:, :2], MEASURED)
+
+
+@given(*3 * [st.integers(0, 4)])
+def test_cameras_are_swapped_where_more_than_half_of_the_disparities_are_negative(
+    negative: int, zero: int, positive: int
+) -> None:
+    disparities = [*negative * [-3.0], *zero * [0.0], *positive * [3.0], math.nan]
+    assert swapped(disparities) == (negative > zero + positive)
 
 
 def test_swapped_cameras_are_said() -> None:

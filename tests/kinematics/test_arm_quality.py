@@ -152,6 +152,16 @@ def test_an_arm_that_moves_has_no_noise_and_of_one_that_moves_a_finger_that_fing
     np.testing.assert_array_equal(np.isnan(known), [joint == 8 for joint in ARM_JOINTS])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_does_not_hide_a_drift_that_is_ten_times_as_large(seed: int) -> None:
+    """The means of seven frames are known to a fifth of a millimetre, and an arm may move by two."""
+    noise = 0.0005 * np.random.default_rng(seed).normal(size=(70, *POINTS.shape))
+    assert measured([POINTS + one for one in noise]).still
+    drift = measured([POINTS + one + [0.003 * k / HZ, 0, 0] for k, one in enumerate(noise)])
+    assert drift.still_s == 0
+    assert np.isnan(drift.noise_m).all()
+
+
 def test_an_arm_that_sways_is_not_noisy() -> None:
     sways = [POINTS + np.array([0.02 * np.sin(2 * np.pi * 0.4 * k / HZ), 0, 0]) for k in range(200)]
     quality = measured(sways)

@@ -127,6 +127,16 @@ def test_at_rest_a_body_is_as_it_was_built_and_the_root_moves_all_of_it(sex: str
 
 @pytest.mark.parametrize("sex", SEXES)
 @pytest.mark.parametrize("side", ["left", "right"])
+def test_a_leg_moves_nothing_beyond_the_other_hip(sex: str, side: str) -> None:
+    mesh = body_mesh(sex)  # type: ignore[arg-type]
+    other = places(mesh)["right hip" if side == "left" else "left hip"][0]
+    beyond = mesh.vertices[:, 0] * np.sign(other) > abs(other)
+    leg = turned(mesh, **{f"{side}_hip_flexion": 40, f"{side}_hip_abduction": 20, f"{side}_knee_flexion": 30})
+    np.testing.assert_allclose(posed(mesh, leg)[beyond], mesh.vertices[beyond], atol=1e-12)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("side", ["left", "right"])
 def test_joints_turn_the_way_their_names_say(sex: str, side: str) -> None:
     mesh = body_mesh(sex)  # type: ignore[arg-type]
     out = 1 if side == "left" else -1

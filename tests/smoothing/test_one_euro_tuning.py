@@ -82,6 +82,18 @@ def test_a_point_that_is_hardly_ever_seen_says_nothing_of_the_lag(delay_s: float
     assert lag((AT_S, np.concatenate([SWING, rare], axis=1)), START) == lag((AT_S, SWING), START)
 
 
+@pytest.mark.parametrize("delay_s", [0.037], indirect=True)
+def test_a_goal_is_reached_by_what_equals_it(delay_s: float) -> None:
+    """This filter delays alike with any settings, so that jitter and lag are known before the tuning."""
+    least_jitter, least_lag_s = jitter(STILL, START), lag((AT_S, SWING), START)
+    assert least_lag_s == pytest.approx(delay_s, abs=0.001)
+    met = tune(STILL, (AT_S, SWING), least_jitter, least_lag_s)
+    assert (met.jitter_reached, met.lag_reached) == (True, True)
+    missed = tune(STILL, (AT_S, SWING), float(np.nextafter(least_jitter, 0)), float(np.nextafter(least_lag_s, 0)))
+    assert (missed.jitter_reached, missed.lag_reached) == (False, False)
+    assert (missed.jitter_at_rest, missed.lag_s) == (met.jitter_at_rest, met.lag_s) == (least_jitter, least_lag_s)
+
+
 @slow
 def test_frames_without_a_point_are_left_out() -> None:
     gone = RNG.random((240, 2)) < 0.1
@@ -118,7 +130,7 @@ def test_recordings_of_no_use_are_refused(
         tune(still, fast, 0.0006, 0.02)
 
 
-@pytest.mark.parametrize(("jitter_goal", "lag_goal_s"), [(0.0, 0.1), (0.1, 0.0)])
+@pytest.mark.parametrize(("jitter_goal", "lag_goal_s"), [(0.0, 0.1), (0.1, 0.0), (0.1, LONGEST_LAG_S)])
 def test_goals_out_of_range_are_refused(jitter_goal: float, lag_goal_s: float) -> None:
     with pytest.raises(SettingsError, match="goal"):
         tune(STILL, FAST, jitter_goal, lag_goal_s)

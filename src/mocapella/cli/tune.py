@@ -46,10 +46,11 @@ def one_euro(
     from mocapella.recording.point_recordings import read_point_recording
     from mocapella.settings import check
     from mocapella.smoothing.one_euro import OneEuroSettings
-    from mocapella.smoothing.one_euro_tuning import tune
+    from mocapella.smoothing.one_euro_tuning import LONGEST_LAG_S, tune
 
     check(jitter > 0, "--jitter", jitter, "above 0")
-    check(lag_ms > 0, "--lag-ms", lag_ms, "above 0 ms")
+    longest_ms = 1000 * LONGEST_LAG_S
+    check(0 < lag_ms < longest_ms, "--lag-ms", lag_ms, f"above 0 and below {longest_ms:g} ms")
     at_rest, moving = read_point_recording(still), read_point_recording(fast)
     if at_rest.unit != moving.unit:
         raise InputError(f"in {moving.unit}, and {still} in {at_rest.unit}", file=fast, fix="give two of one kind")

@@ -31,7 +31,8 @@ def evaluate(folder: Path, tell: Callable[[str], None] = lambda _: None, *, step
         folder: contains ``charuco.toml``; ``calibration/extrinsic/*.mp4``, one synchronised video per camera; and
             ``camera_array.toml``, a reference calibration, which is scored as well.
         tell: called with the current step, in words.
-        step: only every ``step``-th of the odd and of the even frames is used, for a quick check.
+        step: only every ``step``-th of the odd and of the even frames is used; 2 or more is for a quick check, without
+            cross-validation of the calibration.
 
     Returns:
         JSON-like: ``calibration``; ``scored``, quality of this calibration (``ours``) and the reference; ``targets``,

@@ -65,16 +65,17 @@ def tune(
         still: times (frames,) [s] and points (frames, points, dimensions) of markers that do not move; NaN: not seen.
         fast: times and points, as in ``still``, of markers in fast motion.
         jitter_goal: largest jitter, see `jitter`, in the unit of the points.
-        lag_goal_s: largest lag, see `lag` [s].
+        lag_goal_s: largest lag, see `lag`; less than `LONGEST_LAG_S` [s].
         settings: the other settings, the defaults if None; their min_cutoff_hz and beta_per_m are replaced.
 
     Raises:
-        SettingsError: a goal that is not above 0.
+        SettingsError: a goal that is not above 0, or a lag that is too long to be measured.
         InputError: a recording is too short, its times do not rise, no point is seen in more than half of its frames,
             or nothing moves in the fast one.
     """
     check(jitter_goal > 0, "jitter_goal", jitter_goal, "above 0")
-    check(lag_goal_s > 0, "lag_goal_s", lag_goal_s, "above 0 s")
+    # A lag of `LONGEST_LAG_S` may be a longer one, which would pass for a goal reached.
+    check(0 < lag_goal_s < LONGEST_LAG_S, "lag_goal_s", lag_goal_s, f"above 0 and below {LONGEST_LAG_S:g} s")
     for name, (at_s, points) in (("still", still), ("fast", fast)):
         _check_recording(name, at_s, points)
     start = replace(settings or OneEuroSettings(), beta_per_m=0.0)
