@@ -40,6 +40,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--inputs", type=_count, metavar="N", help="inputs of fuzz, frames of soak, kills of kill")
     parser.add_argument("--processes", type=_count, metavar="N", help="of fuzz; one for each core if not given")
+    parser.add_argument(
+        "--slice", type=_slice, dest="slice_of", metavar="K/N", help="of fuzz: only the K-th of N slices of its inputs"
+    )
     parser.add_argument("--against", metavar="REVISION", help="measure in turns with an earlier revision (git)")
     parser.add_argument("--strict", action="store_true", help="exit with 1 where a goal is missed")
     options = parser.parse_args(arguments)
@@ -66,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
         with console.status(f"measuring {name} …"):
             run = importlib.import_module(f"benchmarks.{name}").run
             asked = {"parts": wanted} if wanted else {}
-            for option in ("inputs", "processes"):
+            for option in ("inputs", "processes", "slice_of"):
                 if (value := getattr(options, option)) is not None and option in inspect.signature(run).parameters:
                     asked[option] = value
             measured = run(quick=options.quick, **asked)
@@ -105,6 +108,14 @@ def _count(text: str) -> int:
     if not (value.is_integer() and 1 <= value <= 1e12):
         raise ValueError(text)
     return int(value)
+
+
+def _slice(text: str) -> tuple[int, int]:
+    """The numbers of a slice such as 2/5."""
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no slice such as 2/5, the second of five")
+    return int(number), int(count)
 
 
 def _parts(group: str) -> list[str]:

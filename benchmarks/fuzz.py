@@ -2,7 +2,8 @@
 
 Valid inputs are damaged in bytes, in words (`_text_mutations`) and, of takes, in contents whose checksums are made
 right again (`_take_mutations`). The same seed gives the same inputs, on any number of processes. ``--inputs 1e8`` asks
-for so many, ``--processes 1`` for one process instead of one for each core.
+for so many, ``--processes 1`` for one process instead of one for each core. ``--slice 2/5`` reads the second fifth of
+them: all slices together read the same inputs as one long run.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import tempfile
 from collections.abc import Iterator, MutableSequence, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -58,9 +60,13 @@ class Fed(NamedTuple):
 
 
 def run(
-    quick: bool = False, parts: Sequence[str] = (), inputs: int | None = None, processes: int | None = None
+    quick: bool = False,
+    parts: Sequence[str] = (),
+    inputs: int | None = None,
+    processes: int | None = None,
+    slice_of: tuple[int, int] = (1, 1),
 ) -> list[Row]:
-    fed = feed_all(inputs or (QUICK if quick else INPUTS), parts, processes or cores())
+    fed = feed_all(inputs or (QUICK if quick else INPUTS), parts, processes or cores(), slice_of)
     for report in fed.reports:
         tell(report)
     for crash in fed.crashes:
@@ -68,13 +74,14 @@ def run(
     return [measured("fuzz: processes that died", len(fed.crashes), "", goal=at_most(0)), *rows_of(fed.reports)]
 
 
-def feed_all(inputs: int, parts: Sequence[str], processes: int) -> Fed:
+def feed_all(inputs: int, parts: Sequence[str], processes: int, slice_of: tuple[int, int] = (1, 1)) -> Fed:
     """Feed damaged inputs to all doors or some.
 
     Args:
         inputs: how many, of all doors together; each door has at least one.
         parts: names of the doors; all if empty.
         processes: how many to use.
+        slice_of: which slice of the inputs, from 1, and of how many.
     """
     context: Any = get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="mocapella-fuzz-", dir=_memory_disk()) as folder:
@@ -84,12 +91,17 @@ def feed_all(inputs: int, parts: Sequence[str], processes: int) -> Fed:
         now = context.RawArray("q", 1 << 20)
         with ProcessPoolExecutor(processes, context, _begin, (folder, taken, now)) as pool:
             shares = pool.submit(_shares).result()
-            pieces = list(pieces_of({name: shares[name] for name in shares if not parts or name in parts}, inputs))
+            wanted = {name: shares[name] for name in shares if not parts or name in parts}
+            pieces = list(pieces_of(wanted, inputs, slice_of))
             return _collected([(piece, pool.submit(_feed, slot, piece)) for slot, piece in enumerate(pieces)], now)
 
 
-def pieces_of(shares: dict[str, float], inputs: int) -> Iterator[Piece]:
-    """Yield the pieces of all doors, which do not depend on the number of processes."""
+def pieces_of(shares: dict[str, float], inputs: int, slice_of: tuple[int, int] = (1, 1)) -> Iterator[Piece]:
+    """Return the pieces of all doors, or those of a slice; they do not depend on the number of processes."""
+    return islice(_all_pieces(shares, inputs), slice_of[0] - 1, None, slice_of[1])
+
+
+def _all_pieces(shares: dict[str, float], inputs: int) -> Iterator[Piece]:
     total = sum(shares.values())
     for name, share in shares.items():
         left, size = max(1, round(inputs * share / total)), max(1, round(PIECE * share))

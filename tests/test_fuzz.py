@@ -122,6 +122,14 @@ def test_pieces_are_all_inputs_of_each_door(fuzz: Any) -> None:
     assert [one.inputs for one in pieces if one.door == "slow"] == [200, 200, 98]
 
 
+def test_slices_are_all_pieces_and_each_piece_is_in_one(fuzz: Any) -> None:
+    shares = {"fast": 2.0, "slow": 0.01, "other": 0.3}
+    slices = [list(fuzz.pieces_of(shares, 1_000_000, (k, 7))) for k in range(1, 8)]
+    whole = list(fuzz.pieces_of(shares, 1_000_000))
+    assert sorted(piece for one in slices for piece in one) == sorted(whole)
+    assert max(map(len, slices)) - min(map(len, slices)) <= 1
+
+
 def test_the_same_seed_gives_the_same_inputs(doors: dict[str, Any]) -> None:
     for name in ("frames", "hands", "depth images"):
         first, again = (doors[name].inputs(random.Random(5)) for _ in range(2))

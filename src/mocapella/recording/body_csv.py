@@ -256,13 +256,13 @@ class _Reader:
                 fix = "remove the row or complete it"
                 problem = f"the row has {len(cells)} cells and not {len(self._columns)}"
                 return InputError(problem, file=self._file, row=number, fix=fix)
-            for place, cell in enumerate(cells):
-                value = _number(cell)
-                one = np.full((1, len(cells)), np.nan if value is None else value)
-                if not self._fits(one)[0, place]:
-                    problem, fix = self._problem(place, value)
-                    name = self._columns[place]
-                    return InputError(problem, file=self._file, row=number, field=name, value=cell.strip(), fix=fix)
+            values = [_number(cell) for cell in cells]
+            fits = self._fits(np.array([[np.nan if value is None else value for value in values]]))[0]
+            if not fits.all():
+                place = int(fits.argmin())
+                problem, fix = self._problem(place, values[place])
+                name, value = self._columns[place], cells[place].strip()
+                return InputError(problem, file=self._file, row=number, field=name, value=value, fix=fix)
         return InputError("the rows cannot be read", file=self._file, fix=_WANTED)
 
     def _problem(self, place: int, value: float | None) -> tuple[str, str]:
