@@ -12,13 +12,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from benchmarks.harness import Row, at_least, at_most, measured
+from benchmarks.harness import Row, at_least, at_most, measured, wait_until
 from benchmarks.kill import READY, read_log
 from mocapella.live.launch import free_port
 from mocapella.recording.take_reader import read_take
@@ -104,7 +102,7 @@ class Session:
         words = ["serve", "--no-view", "--port", str(self._port), "--method", "stand-still", "--record", "./take.mcap"]
         module = ["-m", "mocapella", *words, "--set", "reserve_gib=0"]
         self._server = self._start("server", module, self._folder, self._folder / "server.txt")
-        _wait("the server listens", lambda: self._says(READY))
+        wait_until("the server listens", lambda: self._says(READY), PATIENCE_S)
 
     def _says(self, text: str) -> bool:
         said = (self._folder / "server.txt").read_text(encoding="utf-8")
@@ -123,7 +121,11 @@ class Session:
 
     def wait_for(self, frames: int) -> None:
         """Wait until the node has sent so many frames."""
-        _wait(f"{frames} frames", lambda: any(read_log(log).published >= frames for log in self._folder.glob("*.log")))
+
+        def sent() -> bool:
+            return any(read_log(log).published >= frames for log in self._folder.glob("*.log"))
+
+        wait_until(f"{frames} frames", sent, PATIENCE_S)
 
     def end(self, whose: str) -> str:
         """Wait for the last frame, and end the server as a user does; return what server or node has said."""
@@ -147,11 +149,3 @@ class Session:
                 [sys.executable, *words],
                 cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=out, env={**os.environ, **clock},
             )  # fmt: skip
-
-
-def _wait(what: str, holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        if time.monotonic() > deadline:
-            raise SystemExit(f"clocks: waited {PATIENCE_S:g} s in vain: {what}")
-        time.sleep(0.05)

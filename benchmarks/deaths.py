@@ -10,10 +10,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.harness import Row, at_most, measured
+from benchmarks.harness import Row, at_most, measured, wait_until
 from benchmarks.kill import READY
 from mocapella.live.launch import free_port
 from mocapella.recording.take_reader import read_take
@@ -57,18 +56,19 @@ def _death(thread: str) -> tuple[float, int, bool]:
                      "MOCAPELLA_LOGS": str(folder / "logs")},
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
             )  # fmt: skip
-        _until("the server listens", lambda: READY in said.read_text(encoding="utf-8"))
-        node = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks._kill_node", "--connect", f"tls/127.0.0.1:{port}", "--sensor", "front",
-             "--folder", name, "--farewell", "0"], stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+        processes = [server]
         try:
-            _until("frames are stored", lambda: any(map(_acknowledged, folder.glob("*.log"))))
+            wait_until("the server listens", lambda: READY in said.read_text(encoding="utf-8"), PATIENCE_S)
+            processes.append(subprocess.Popen(
+                [sys.executable, "-m", "benchmarks._kill_node", "--connect", f"tls/127.0.0.1:{port}", "--sensor",
+                 "front", "--folder", name, "--farewell", "0"], stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            ))  # fmt: skip
+            wait_until("frames are stored", lambda: any(map(_acknowledged, folder.glob("*.log"))), PATIENCE_S)
             (folder / "die").touch()
             status = server.wait(PATIENCE_S)
             ended_ns = time.monotonic_ns()
         finally:
-            for process in (node, server):
+            for process in processes:
                 process.kill()
                 process.wait()
         take = read_take(folder / "take.mcap")
@@ -79,11 +79,3 @@ def _death(thread: str) -> tuple[float, int, bool]:
 def _acknowledged(log: Path) -> bool:
     """Whether a line of `benchmarks._kill_node` says that a frame was acknowledged."""
     return any(line[:1].isdigit() for line in log.read_text(encoding="utf-8").splitlines())
-
-
-def _until(what: str, holds: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        if time.monotonic() > until_s:
-            raise TimeoutError(f"waited {PATIENCE_S:g} s until {what}")
-        time.sleep(0.02)

@@ -25,7 +25,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from benchmarks._page import Page
-from benchmarks.harness import Row, at_least, at_most, measured
+from benchmarks.harness import Row, at_least, at_most, measured, wait_until
 from mocapella.live.launch import free_port
 from mocapella.wire.reader import Newest
 from mocapella.wire.session import open_reader
@@ -196,8 +196,8 @@ class Session:
         self._newest = Newest(self._reader)
         self._clock = self._start("benchmarks._latency", self.address, str(self._latencies))
         self._processes.append(self._clock)
-        self._until("the sensors", lambda: self._sensors() == SENSORS)
-        self._until("the view", lambda: self.page_loads(PATIENCE_S))
+        wait_until("the sensors", lambda: self._sensors() == SENSORS, PATIENCE_S)
+        wait_until("the view", lambda: self.page_loads(PATIENCE_S), PATIENCE_S)
 
     def latencies(self) -> NDArray[np.int64]:
         """Return what `benchmarks._latency` has measured until now, and end it."""
@@ -229,7 +229,7 @@ class Session:
         """Press, and return how long it takes until the status says so [s]."""
         began_s = time.monotonic()
         press()
-        self._until("the recording", lambda: self._recording() is active, every_s=0.01)
+        wait_until("the recording", lambda: self._recording() is active, PATIENCE_S, every_s=0.01)
         return time.monotonic() - began_s
 
     def lines_said(self, text: str) -> int:
@@ -261,10 +261,3 @@ class Session:
     def _recording(self) -> bool | None:
         status = self._newest.status() if self._newest is not None else None
         return None if status is None else status.recording.active
-
-    def _until(self, what: str, holds: Callable[[], bool], every_s: float = 0.1) -> None:
-        until_s = time.monotonic() + PATIENCE_S
-        while not holds():
-            if time.monotonic() > until_s:
-                raise TimeoutError(f"waited {PATIENCE_S:g} s for {what}")
-            time.sleep(every_s)

@@ -131,6 +131,19 @@ def against_peer(
     return compared(name, value, unit, peer=peer_name, peer_value=peer_value, goal=goal)
 
 
+def wait_until(what: str, holds: Callable[[], bool], patience_s: float, every_s: float = 0.05) -> None:
+    """Wait until a condition holds, and look again and again.
+
+    Raises:
+        TimeoutError: it does not within ``patience_s``; the text has ``what``.
+    """
+    until_s = time.monotonic() + patience_s
+    while not holds():
+        if time.monotonic() > until_s:
+            raise TimeoutError(f"waited {patience_s:g} s in vain: {what}")
+        time.sleep(every_s)
+
+
 def cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

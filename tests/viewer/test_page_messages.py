@@ -7,12 +7,14 @@ import contextlib
 import math
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
+import psutil
 import pytest
 import viser
 from hypothesis import given, settings
@@ -22,7 +24,7 @@ from support.programs import wait_until
 from support.walkers import Room, status
 from viser import _messages
 from viser.infra._infra import AsyncMessageBuffer, WebsockClientConnection, _ClientHandleState
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -30,7 +32,7 @@ from mocapella.errors import InputError
 from mocapella.model.session import CommandReply
 from mocapella.viewer import Viewer
 from mocapella.viewer.commands import Commander
-from mocapella.viewer.page import FLOOD_PAUSE_S, _Seats
+from mocapella.viewer.page import FLOOD_PAUSE_S, MOST_CONNECTIONS, _Seats
 from mocapella.viewer.page_messages import (
     FARTHEST,
     LARGEST,
@@ -194,6 +196,26 @@ def test_after_a_flood_new_pages_of_the_machine_wait(monkeypatch: pytest.MonkeyP
         own.close()
 
 
+def test_a_page_that_leaves_while_it_waits_keeps_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mocapella.viewer.page.MOST_PAGES", 1)
+    own = Viewer("127.0.0.1", 0, command=lambda verb, arguments: CommandReply(True))
+    try:
+        with page(own) as flood, pytest.raises(ConnectionClosed):
+            send_many(flood)
+        with contextlib.suppress(TimeoutError, InvalidStatus):  # the pause may be over on a busy machine
+            page(own, timeout_s=0.3).close()
+
+        def opens() -> bool:
+            with contextlib.suppress(InvalidStatus), page(own):
+                return True
+            return False
+
+        time.sleep(1.2 * FLOOD_PAUSE_S)  # all that waited has gone on
+        wait_until("there is a place", opens)
+    finally:
+        own.close()
+
+
 def test_the_pause_after_a_flood_is_its_machines_and_ends() -> None:
     seats = _Seats(PageRefusals())
     assert seats.pause_s("::1", 10.0) == 0.0
@@ -222,6 +244,33 @@ def test_connections_wait_while_the_page_is_busy(viewer: Viewer) -> None:
                 stack.enter_context(socket.create_connection(("127.0.0.1", viewer._server.get_port()), timeout=0.9))
     finally:
         free.set()
+
+
+def test_a_request_among_many_silent_connections_is_answered(viewer: Viewer) -> None:
+    busy, free = threading.Event(), threading.Event()
+
+    def work() -> None:
+        busy.set()
+        free.wait(60)
+
+    def connected(stack: contextlib.ExitStack) -> socket.socket:
+        return stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60))
+
+    sockets, port = cast(Any, viewer._server._websock_server), viewer._server.get_port()
+    before = psutil.Process().num_fds()
+    with contextlib.ExitStack() as stack:
+        sockets._background_event_loop.call_soon_threadsafe(work)
+        try:
+            assert busy.wait(60)
+            asking = connected(stack)
+            query = viewer.url.partition("/?")[2]
+            asking.sendall(f"GET /?{query} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+            for _ in range(2 * MOST_CONNECTIONS):  # that send nothing
+                connected(stack)
+        finally:
+            free.set()
+        assert asking.recv(12) == b"HTTP/1.1 200"
+    wait_until("all are closed", lambda: psutil.Process().num_fds() <= before)
 
 
 def send_many(flood: ClientConnection) -> None:

@@ -49,6 +49,9 @@ HANDSHAKE_S: Final = 8.0
 MOST_NEW: Final = 4096
 """Largest number of connections that wait to be accepted, if the system allows it. Further ones are dropped, and
 browsers try again after a second."""
+NEW_AT_ONCE: Final = 16
+"""Number of connections that are accepted before others are answered: so few that no request that has come is dropped
+for later connections, see `MOST_CONNECTIONS`."""
 FLOOD_PAUSE_S: Final = 2.0
 """After a page was cut off because it flooded, new pages of its machine wait up to this time [s]."""
 
@@ -318,23 +321,24 @@ class _GuardedServe(serve):
             if inspect.isawaitable(response):
                 response = await response
             if response is None:
-                await asyncio.sleep(seats.pause_s(connection.host, time.monotonic()))
                 if full := seats.take_page(connection):
                     return refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, "pages", full)
+                # Only now, so that a page that leaves meanwhile leaves its seat.
+                await asyncio.sleep(seats.pause_s(connection.host, time.monotonic()))
             if response is not None and admission.cookie is not None:
                 response.headers["Set-Cookie"] = admission.cookie
             return response  # type: ignore[no-any-return]
 
         asyncio.get_running_loop().set_exception_handler(partial(_hear_error, seats.refusals))
         keywords["create_connection"] = partial(_Connection, seats=seats)
-        keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S}
+        keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S, "backlog": NEW_AT_ONCE}
         super().__init__(handler, *args, process_request=guarded, **keywords)
 
     async def __aenter__(self) -> Server:
         server = await super().__aenter__()
         for listening in server.sockets:
             with socket.socket(fileno=os.dup(listening.fileno())) as same:
-                same.listen(MOST_NEW)  # as `backlog` it would also be how many are accepted before any is answered
+                same.listen(MOST_NEW)  # asyncio's `backlog` is both numbers
         return server
 
 
