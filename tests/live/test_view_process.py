@@ -117,7 +117,7 @@ def test_the_demo_is_shown_recorded_and_not_hurt_by_a_closed_browser(tmp_path: P
         session = open_reader(f"tcp/127.0.0.1:{port}")
         try:
             page = open_page(browser, page_port)
-            expect_state(page, "Calibrating")
+            expect_state(page, "Tracking")
             page.locator(".mocapella-people", has_text="Person 0").wait_for()
             page.get_by_role("button", name="Record", exact=True).click()
             wait_until("the recording", lambda: _recording(session) > 0, timeout=120.0)
