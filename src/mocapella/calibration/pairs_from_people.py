@@ -47,6 +47,7 @@ class PairsFromPeople:
         self._newest: dict[str, float] = {}
         self._floors: dict[str, FloorFromFeet] = {}
         self._poses: dict[str, SensorPose] = {}
+        self._head_up_s: dict[str, float] = {}
         self._mirror = np.zeros(0, dtype=np.int64)
         self._turned = np.zeros(0, dtype=np.bool_)
         self._pairs: dict[Pair, PairOfSensors] = {}
@@ -224,6 +225,7 @@ class PairsFromPeople:
             self._moved[sensor] = now
             self._floors[sensor] = FloorFromFeet()
             self._poses.pop(sensor, None)
+            self._head_up_s.pop(sensor, None)
             self._moves += 1
 
 

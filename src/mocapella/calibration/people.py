@@ -49,6 +49,7 @@ from mocapella.calibration.sensor_pair import (
     used_pairs,
 )
 from mocapella.calibration.time_offset import TimeOffset
+from mocapella.calibration.upside_down import head_up_s, is_upside_down, oriented
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint
@@ -141,7 +142,7 @@ class PeopleCalibration(PairsFromPeople):
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
         if pose is not None and pose.height > 0 and sensor not in self._moved:
-            self._poses[sensor] = pose
+            self._orient(bodies, pose, now - self._newest[sensor])
         self._newest[sensor], self._now = now, now
         # Frames arrive within a few tenths of a second: a sensor whose times are older has a clock that is behind.
         self._behind[sensor] = max(self._newest.values()) - now
@@ -205,6 +206,14 @@ class PeopleCalibration(PairsFromPeople):
         names = {recorded: name for name, recorded in _RECORDED.items()}
         self._steps, self._graph, self._edges = [], [], []  # older takes have none
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
+
+    def _orient(self, bodies: Bodies, pose: SensorPose, dt: float) -> None:
+        """Keep a sensor's stated pose, and whether its people show that it is upside down."""
+        before_s = self._head_up_s.get(bodies.sensor, 0.0)
+        after_s = head_up_s(before_s, bodies, pose, dt)
+        self._poses[bodies.sensor], self._head_up_s[bodies.sensor] = pose, after_s
+        if is_upside_down(before_s) is not is_upside_down(after_s):
+            self._refresh_s = 0.0  # people are about to be shown
 
     def _seconds(self, at_ns: int) -> float:
         if self._zero_ns is None:
@@ -370,13 +379,17 @@ class PeopleCalibration(PairsFromPeople):
         """Return ``T_world_root``, and whether its floor is known; a given pose takes precedence over feet."""
         members = {name: place for name, place in placed.items() if place.root == root and place.trusted}
         given = [
-            (place.T_root_sensor, floor_of_pose(self._poses[name].tilt, self._poses[name].height))
+            (place.T_root_sensor, self._stated_floor(name, self._poses[name]))
             for name, place in members.items()
             if name in self._poses
         ]
         found = {name: self._floors[name].known or self._layout_floor(name) for name in members}
         floors = given or [(members[name].T_root_sensor, floor) for name, floor in found.items() if floor is not None]
         return (mean_floor(floors).T_level_sensor, True) if floors else (np.eye(4), False)
+
+    def _stated_floor(self, sensor: str, pose: SensorPose) -> Floor:
+        upright = oriented(pose, upside_down=is_upside_down(self._head_up_s.get(sensor, 0.0)))
+        return floor_of_pose(upright.tilt, upright.height)
 
     def _layout_floor(self, sensor: str) -> Floor | None:
         if (

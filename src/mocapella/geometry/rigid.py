@@ -46,6 +46,24 @@ def rotation_about_y(angle: Any) -> Float64:
     return R
 
 
+def rotation_about_z(angle: Any) -> Float64:
+    """Rotation matrices about the z axis.
+
+    Args:
+        angle: (...,) [rad]; positive turns x towards y.
+
+    Returns:
+        (..., 3, 3): x' = x·cos − y·sin, y' = x·sin + y·cos, z' = z.
+    """
+    a = np.asarray(angle, dtype=np.float64)
+    R = np.zeros((*a.shape, 3, 3))
+    R[..., 0, 0] = R[..., 1, 1] = np.cos(a)
+    R[..., 1, 0] = np.sin(a)
+    R[..., 0, 1] = -R[..., 1, 0]
+    R[..., 2, 2] = 1.0
+    return R
+
+
 def rigid(R: Any, t: Any) -> Float64:
     """Return the rigid motion p' = R p + t.
 

@@ -336,7 +336,9 @@ class People:
     def level(self, R_level: Float64) -> None:
         """Set the rotation ``R_level`` (3, 3) from the space of the people to one with y up."""
         turned = R_level @ self.R_level.T
-        if self._facing is not None:
+        if self._facing is not None and turned[1, 1] < 0.0:
+            self._facing.reset()  # facings were seen upside down, where right and left are exchanged
+        elif self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))
         self.R_level = np.ascontiguousarray(R_level)
         self.up = np.ascontiguousarray(R_level[1])

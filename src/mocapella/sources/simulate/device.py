@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_y
+from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_y, rotation_about_z
 from mocapella.model.observations import Edge, check_sensor_name
 from mocapella.settings import check
 
@@ -58,6 +58,8 @@ class SensorSettings:
         position: position of the lens in the world; the second coordinate is the height above the floor [m].
         yaw_deg: rotation about the vertical; 0 looks along the world's z, growing towards x (the sensor's left) [deg].
         tilt_deg: tilt, upwards positive [deg].
+        roll_deg: rotation about the optical axis; positive lifts the sensor's left side, 180 is upside down. Frames do
+            not report it: their tilt and height are those of a sensor that stands upright [deg].
         fov_deg: horizontal and vertical field of view [deg].
         range_m: nearest and farthest depth along the optical axis [m].
         depth_size_px: width and height of the depth image [px].
@@ -84,6 +86,7 @@ class SensorSettings:
     position: tuple[float, float, float] = (0.0, 1.0, 0.0)
     yaw_deg: float = 0.0
     tilt_deg: float = 0.0
+    roll_deg: float = 0.0
     fov_deg: tuple[float, float] = (70.6, 60.0)
     range_m: tuple[float, float] = (0.5, 4.5)
     depth_size_px: tuple[int, int] = (512, 424)
@@ -105,6 +108,7 @@ class SensorSettings:
         check(all(math.isfinite(x) for x in self.position), "position", self.position, "three finite numbers")
         check(self.position[1] >= 0, "position", self.position, "on or above the floor")
         check(-90 < self.tilt_deg < 90, "tilt_deg", self.tilt_deg, "within ±90")
+        check(-180 <= self.roll_deg <= 180, "roll_deg", self.roll_deg, "from -180 to 180")
         check(all(0 < a < 180 for a in self.fov_deg), "fov_deg", self.fov_deg, "between 0 and 180")
         check(0 < self.range_m[0] < self.range_m[1], "range_m", self.range_m, "a nearest and a greater farthest depth")
         check(all(n > 0 for n in self.depth_size_px), "depth_size_px", self.depth_size_px, "positive")
@@ -131,9 +135,9 @@ class SensorSettings:
 
     @property
     def T_world_sensor(self) -> Float64:  # noqa: N802 - the field's notation
-        """(4, 4) from the camera frame to the world: tilt about its own x, then yaw, then translation."""
-        yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
-        return rigid(rotation_about_y(yaw) @ rotation_about_x(-tilt), self.position)
+        """(4, 4) from the camera frame to the world: roll about its z, tilt about x, then yaw, then translation."""
+        yaw, tilt, roll = math.radians(self.yaw_deg), math.radians(self.tilt_deg), math.radians(self.roll_deg)
+        return rigid(rotation_about_y(yaw) @ rotation_about_x(-tilt) @ rotation_about_z(roll), self.position)
 
     def project(self, points: Float64) -> Float64:
         """Project points (..., 3) in the camera frame [m] to pixels (..., 2) [px]; u grows with x, v downwards.

@@ -1,0 +1,71 @@
+"""Recognise a sensor that is mounted upside down: a stated tilt does not say so, but the people in its image do.
+
+People stand, walk and sit with the head above the hips. So a sensor whose people have the head below them, seen along
+the vertical of its stated tilt, is turned by 180° about its optical axis, and so is that vertical.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.model.bodies import Bodies
+from mocapella.model.observations import JointState
+from mocapella.model.session import SensorPose
+
+MOST_S: Final = 20.0
+"""Bound of the evidence: somebody who stands on the hands for a shorter time turns no sensor round [s]."""
+ENOUGH_S: Final = 0.15
+"""Evidence that people must have given against the present orientation [s]."""
+LONGEST_STEP_S: Final = 0.1
+"""Longest time for which a frame counts [s]."""
+_UPRIGHT: Final = math.cos(math.radians(45.0))
+_LEAST_M: Final = 0.2
+
+
+def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) -> float:
+    """Return the time for which people had the head above the hips, less the time for which it was below [s].
+
+    Bodies that are more than 45° off the vertical, such as people who lie, do not count, nor joints that the sensor
+    infers. The result is within ±`MOST_S`.
+
+    Args:
+        evidence_s: the result for the sensor's previous frame; 0 at first [s].
+        bodies: the sensor's bodies.
+        pose: its stated tilt, which defines the vertical.
+        dt: time since its previous frame; counted up to `LONGEST_STEP_S` [s].
+    """
+    if not bodies.ids or not dt > 0:
+        return evidence_s
+    parts = bodies.topology.parts
+    ends = [parts["head"], parts["root"]]
+    backs = bodies.positions[:, ends[0]] - bodies.positions[:, ends[1]]
+    measured = (bodies.states[:, ends] == JointState.TRACKED).all(axis=1)
+    length = np.sqrt((backs**2).sum(axis=1))
+    above = backs @ vertical(pose)
+    counts = measured & (length > _LEAST_M) & (np.abs(above) > _UPRIGHT * length)  # False for NaN
+    change_s = float(np.sign(above[counts]).sum()) * min(dt, LONGEST_STEP_S)
+    return min(max(evidence_s + change_s, -MOST_S), MOST_S)
+
+
+def vertical(pose: SensorPose) -> NDArray[np.float64]:
+    """Return the upward direction (3,) in the camera space of a sensor of the stated tilt, not upside down."""
+    return np.array([0.0, math.cos(pose.tilt), math.sin(pose.tilt)])
+
+
+def is_upside_down(evidence_s: float) -> bool:
+    """Return whether a sensor with the evidence of `head_up_s` is mounted upside down; False before it is known."""
+    return evidence_s <= -ENOUGH_S
+
+
+def oriented(pose: SensorPose, *, upside_down: bool) -> SensorPose:
+    """Return the pose whose tilt includes the roll of 180° of a sensor that is upside down: 180° − tilt.
+
+    A rotation of 180° about the optical axis and one about the camera's x axis have the same vertical.
+    """
+    if not upside_down:
+        return pose
+    return SensorPose(math.remainder(math.pi - pose.tilt, math.tau), pose.height)
