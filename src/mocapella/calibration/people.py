@@ -48,10 +48,10 @@ from mocapella.calibration.sensor_pair import (
     covariance_of,
     used_pairs,
 )
+from mocapella.calibration.stated_pose import head_up_s, is_upside_down, oriented, refuted
 from mocapella.calibration.time_offset import TimeOffset
-from mocapella.calibration.upside_down import head_up_s, is_upside_down, oriented
 from mocapella.conventions import NS_PER_S
-from mocapella.geometry.rigid import inverse
+from mocapella.geometry.rigid import inverse, rigid, rotation_about_z
 from mocapella.geometry.twists import adjoint
 from mocapella.model.bodies import Bodies
 from mocapella.model.memory import set_memory
@@ -70,6 +70,8 @@ WORK_PER_PAIR: Final = {"hypotheses": 12, "forgotten": 12, "calibrations": 3}
 """Work of a step for each of its pairs of sensors; 1 for other steps."""
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
+_LEVEL: Final = SensorPose()
+"""Pose by which people are seen upright or upside down where none is stated."""
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
 """Sums the three translation and the three rotation components of a 6-vector."""
 _RECORDED: Final = {"layout": "rig"}
@@ -142,7 +144,8 @@ class PeopleCalibration(PairsFromPeople):
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
         if pose is not None and pose.height > 0 and sensor not in self._moved:
-            self._orient(bodies, pose, now - self._newest[sensor])
+            self._poses[sensor] = pose
+        self._orient(bodies, self._poses.get(sensor, _LEVEL), now - self._newest[sensor])
         self._newest[sensor], self._now = now, now
         # Frames arrive within a few tenths of a second: a sensor whose times are older has a clock that is behind.
         self._behind[sensor] = max(self._newest.values()) - now
@@ -208,10 +211,9 @@ class PeopleCalibration(PairsFromPeople):
         set_memory(self, {names.get(name, name): value for name, value in memory.items()})
 
     def _orient(self, bodies: Bodies, pose: SensorPose, dt: float) -> None:
-        """Keep a sensor's stated pose, and whether its people show that it is upside down."""
+        """Update whether a sensor's people show that it is upside down."""
         before_s = self._head_up_s.get(bodies.sensor, 0.0)
-        after_s = head_up_s(before_s, bodies, pose, dt)
-        self._poses[bodies.sensor], self._head_up_s[bodies.sensor] = pose, after_s
+        after_s = self._head_up_s[bodies.sensor] = head_up_s(before_s, bodies, pose, dt)
         if is_upside_down(before_s) is not is_upside_down(after_s):
             self._refresh_s = 0.0  # people are about to be shown
 
@@ -378,18 +380,24 @@ class PeopleCalibration(PairsFromPeople):
     def _world(self, root: str, placed: Mapping[str, PlacedSensor]) -> tuple[Float64, bool]:
         """Return ``T_world_root``, and whether its floor is known; a given pose takes precedence over feet."""
         members = {name: place for name, place in placed.items() if place.root == root and place.trusted}
-        given = [
-            (place.T_root_sensor, self._stated_floor(name, self._poses[name]))
-            for name, place in members.items()
-            if name in self._poses
-        ]
+        stated = {name: self._stated_floor(name) for name in members}
+        given = [(members[name].T_root_sensor, floor) for name, floor in stated.items() if floor is not None]
         found = {name: self._floors[name].known or self._layout_floor(name) for name in members}
         floors = given or [(members[name].T_root_sensor, floor) for name, floor in found.items() if floor is not None]
-        return (mean_floor(floors).T_level_sensor, True) if floors else (np.eye(4), False)
+        if floors:
+            return mean_floor(floors).T_level_sensor, True
+        return rigid(rotation_about_z(np.pi if self._is_upside_down(root) else 0.0), np.zeros(3)), False
 
-    def _stated_floor(self, sensor: str, pose: SensorPose) -> Floor:
-        upright = oriented(pose, upside_down=is_upside_down(self._head_up_s.get(sensor, 0.0)))
-        return floor_of_pose(upright.tilt, upright.height)
+    def _is_upside_down(self, sensor: str) -> bool:
+        return is_upside_down(self._head_up_s.get(sensor, 0.0))
+
+    def _stated_floor(self, sensor: str) -> Floor | None:
+        """Return the floor of a sensor's stated pose; None without one, or if people refute it."""
+        if sensor not in self._poses:
+            return None
+        pose = oriented(self._poses[sensor], upside_down=self._is_upside_down(sensor))
+        floor = floor_of_pose(pose.tilt, pose.height)
+        return None if refuted(floor, self._floors[sensor].known) else floor
 
     def _layout_floor(self, sensor: str) -> Floor | None:
         if (
@@ -438,6 +446,7 @@ class PeopleCalibration(PairsFromPeople):
                 behind_s=behind_s if behind_s > self.settings.clock_jump_s else 0.0,
                 jumped_s=self._now - self._jumped.get(name, -np.inf),
                 moved=name in self._moved,
+                mistilted=name in self._poses and self._stated_floor(name) is None,
             )
             conditions[name] = faults.condition or pose_condition(
                 name, self._pairs, contradicted, placed, seeing=bool(self._tracks[name].bodies)

@@ -32,12 +32,14 @@ class StreamFaults(msgspec.Struct, frozen=True):
         behind_s: delay of its times behind another sensor's, if it is too large; otherwise 0 [s].
         jumped_s: time since its clock jumped back; infinite if it did not [s].
         moved: whether the sensor, or the other one of a pair, was moved and is not calibrated again yet.
+        mistilted: whether people walk on another floor than that of its stated tilt.
     """
 
     frozen: bool
     behind_s: float
     jumped_s: float
     moved: bool
+    mistilted: bool
 
     @property
     def condition(self) -> str:
@@ -50,6 +52,8 @@ class StreamFaults(msgspec.Struct, frozen=True):
             return texts.CLOCK_JUMPED
         if self.moved:
             return texts.MOVED
+        if self.mistilted:
+            return texts.MISTILTED
         return ""
 
 

@@ -29,6 +29,7 @@ ONE_PLACE: Final = "it stands where {other} stands, and sees no more: move one o
 UNSEEN: Final = "it does not see people where {other} sees them: walk a few steps where both see you"
 UNSEEN_BY_LAYOUT: Final = "it does not see people where the layout says: walk a few steps where both see you"
 MIRRORED_STREAM: Final = "one of the two images is mirrored: switch mirroring off"
+MISTILTED: Final = "people do not stand upright by its tilt: correct the tilt, or set its height to 0"
 WARNINGS: Final = (
-    FROZEN, CLOCK_BEHIND, CLOCK_JUMPED, MOVED, ONE_PLACE, UNSEEN, UNSEEN_BY_LAYOUT, MIRRORED_STREAM,
+    FROZEN, CLOCK_BEHIND, CLOCK_JUMPED, MOVED, ONE_PLACE, UNSEEN, UNSEEN_BY_LAYOUT, MIRRORED_STREAM, MISTILTED,
 )  # fmt: skip

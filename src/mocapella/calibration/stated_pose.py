@@ -1,7 +1,8 @@
-"""Recognise a sensor that is mounted upside down: a stated tilt does not say so, but the people in its image do.
+"""Check a sensor's stated tilt against the people in its image: it may be upside down, or the tilt may be wrong.
 
 People stand, walk and sit with the head above the hips. So a sensor whose people have the head below them, seen along
-the vertical of its stated tilt, is turned by 180° about its optical axis, and so is that vertical.
+the vertical of its stated tilt, is turned by 180° about its optical axis, and so is that vertical. Any other large
+difference from the floor on which people walk refutes the stated tilt.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.floor import Floor
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import JointState
 from mocapella.model.session import SensorPose
@@ -22,6 +24,11 @@ ENOUGH_S: Final = 0.15
 """Evidence that people must have given against the present orientation [s]."""
 LONGEST_STEP_S: Final = 0.1
 """Longest time for which a frame counts [s]."""
+MOST_OFF: Final = math.radians(30.0)
+"""Largest angle of the stated vertical with that of the floor on which people walk [rad]."""
+SURE_SD: Final = 0.08
+"""Standard deviation of the floor's vertical below which people have walked: who stands or lies leaves it larger [rad].
+"""
 _UPRIGHT: Final = math.cos(math.radians(45.0))
 _LEAST_M: Final = 0.2
 
@@ -69,3 +76,13 @@ def oriented(pose: SensorPose, *, upside_down: bool) -> SensorPose:
     if not upside_down:
         return pose
     return SensorPose(math.remainder(math.pi - pose.tilt, math.tau), pose.height)
+
+
+def refuted(stated: Floor, walked: Floor | None) -> bool:
+    """Return whether a sensor's stated floor contradicts the one on which people have walked; False before they have.
+
+    Args:
+        stated: floor of the stated pose, turned round if the sensor is upside down.
+        walked: floor from standing feet, of `mocapella.calibration.floor.FloorFromFeet`; None before it is known.
+    """
+    return walked is not None and walked.up_sd < SURE_SD and bool(stated.up @ walked.up < math.cos(MOST_OFF))
