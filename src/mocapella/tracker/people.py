@@ -29,7 +29,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_body import conditions_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
-from mocapella.model.observations import BodyFrame
+from mocapella.model.observations import BodyFrame, JointState
 from mocapella.model.scene import PotentialSkeleton
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import Topology
@@ -143,7 +143,8 @@ class People:
         ends = ends_of_lengths(topology.joints)
         self._ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
         self._parameters = _parameters(settings)
-        self._layout = JointLayout(self.mirror, topology.parts["root"], *_shoulders_and_hips(topology))
+        trunk = topology.parts["root"], topology.parts["head"]
+        self._layout = JointLayout(self.mirror, *trunk, *_shoulders_and_hips(topology))
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._body_size = 0 if self._model is None else memory_size(self._model)
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
@@ -272,7 +273,10 @@ class People:
         results = _kernels().report(
             np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
         )
-        return PeopleResults(*results)
+        positions, sd, views, fresh = results
+        unknown = m.states == JointState.NOT_TRACKED  # the body model extrapolates them without an end
+        positions[unknown], sd[unknown] = np.nan, np.nan
+        return PeopleResults(positions, sd, views, fresh)
 
     def views_of(
         self, results: PeopleResults, sensor: str, time_ns: int, pose: BodyFrame | SensorPose, T: Float64

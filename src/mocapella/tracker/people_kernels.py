@@ -120,7 +120,7 @@ def observe(
     see(frame, fusion, parameters, points.velocities, views)
     follow_labels(rows, frame.column, dts, parameters, layout.mirror, views)
     level, toward, speeds = to_level(
-        R_level, frame.positions, frame.sensor_position, layout.root, rows, points.velocities
+        R_level, frame.positions, frame.sensor_position, layout.root, layout.head, rows, points.velocities
     )
     return level, toward, speeds, dts
 

@@ -96,13 +96,14 @@ class JointLayout(NamedTuple):
 
     Attributes:
         mirror: (joints,) index of each joint's counterpart on the other side of the body; of a central joint, its own.
-        root: index of the skeleton's root joint.
+        root, head: indices of the skeleton's root joint and of its head.
         lines: (2, 2) left and right shoulder, left and right hip; the shoulders again in a topology without hips.
         line_of: (joints,) 0 for the two shoulders, 1 for the two hips, −1 for all other joints.
     """
 
     mirror: Rows
     root: int
+    head: int
     lines: Rows
     line_of: Rows
 

@@ -27,6 +27,8 @@ Bools = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
 
 _LONGEST_STEP_S = 0.2
+WALKS_COS = 0.87
+"""Cosine of the largest angle of a walking person's trunk with the vertical (30°)."""
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
@@ -169,15 +171,17 @@ def follow_labels(
 
 @njit(cache=True)
 def to_level(
-    R: Float64, positions: Float64, sensor_position: Float64, root: int, rows: Int64, velocities: Float64
+    R: Float64, positions: Float64, sensor_position: Float64, root: int, head: int, rows: Int64, velocities: Float64
 ) -> tuple[Float64, Float64, Float64]:
     """Rotate a frame's bodies into a space with y up, for the facing.
+
+    Bodies whose trunk leans by more than `WALKS_COS` get no horizontal velocity: who falls or lies down walks nowhere.
 
     Args:
         R: (3, 3) from the space of the people to one with y up.
         positions: (bodies, joints, 3) in the space of the people [m].
         sensor_position: (3,) in the space of the people [m].
-        root: index of the root joint.
+        root, head: indices of the root joint and the head.
         rows: (bodies,) row of each body's person.
         velocities: (people, joints, 3) velocities of the people [m/s].
 
@@ -201,6 +205,11 @@ def to_level(
                 sight[k] += R[k, i] * sensor_position[i]
                 speeds[b, k] += R[k, i] * velocities[rows[b], root, i]
         toward[b] = np.arctan2(sight[0], sight[2])
+        x = level[b, head, 0] - level[b, root, 0]
+        y = level[b, head, 1] - level[b, root, 1]
+        z = level[b, head, 2] - level[b, root, 2]
+        if y < WALKS_COS * np.sqrt(x * x + y * y + z * z):  # False for NaN
+            speeds[b, 0] = speeds[b, 2] = 0.0
     return level, toward, speeds
 
 

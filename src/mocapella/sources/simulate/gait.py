@@ -59,7 +59,9 @@ class GaitTracks:
     postures: Float64
 
 
-def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator) -> Motion:
+def animate(
+    legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Generator, *, lifeless: bool = False
+) -> Motion:
     """Animate a body along a closed route; the motion has `POSE_HZ` poses per second of the route.
 
     Args:
@@ -67,9 +69,12 @@ def animate(legs: list[Leg], lengths: Float64, stature: float, rng: np.random.Ge
         lengths: (25,) length of the bone that ends at each joint [m].
         stature: height of the person, for the width of the stance and the thickness of the limbs [m].
         rng: random numbers for the phases of breathing and swaying, which differ between people.
+        lifeless: whether the body neither breathes nor sways, as a mannequin.
     """
     tracks = _tracks(legs, stature)
     sway = _sway(len(tracks.spots), rng)
+    if lifeless:
+        sway = _Sway(0 * sway.breath, 0 * sway.aside, 0 * sway.ahead)
     direction = np.zeros((len(tracks.spots), len(BODY), 3))
     lead = np.einsum("ni,ni->n", tracks.ankles[:, 1] - tracks.ankles[:, 0], _ahead(tracks.spots[:, 2])) / 0.5
     lead = np.clip(lead, -1, 1)
@@ -98,16 +103,28 @@ def _tracks(legs: list[Leg], stature: float) -> GaitTracks:
     for leg, count in zip(legs, counts, strict=True):
         for step in range(leg.steps):
             _step(tracks, leg, step, first, stature)
-        tracks.postures[first : first + count] = _deviation(leg.posture, count)
+        if leg.on_wheels:
+            for side in (0, 1):
+                tracks.ankles[first:, side] = _carried(spots[first:], count, side, stature)
+        tracks.postures[first : first + count] = _deviation(leg.posture, count, held=leg.on_wheels)
         first += count
     tracks.ankles[..., 1] += STEP_HEIGHT_M * np.sin(np.pi * tracks.swings) ** 2
     return tracks
 
 
-def _deviation(posture: BodyPosture, poses: int) -> Float64:
-    """Columns of `GaitTracks.postures` over a leg in which a posture is assumed, perhaps repeatedly, and left."""
+def _carried(spots: Float64, moved: int, side: int, stature: float) -> Float64:
+    """Positions (poses, 3) of an ankle that is carried along for the first ``moved`` poses, and stays there."""
+    at = spots[np.minimum(np.arange(len(spots)), moved - 1)]
+    return _planted(at, side, stature)
+
+
+def _deviation(posture: BodyPosture, poses: int, *, held: bool = False) -> Float64:
+    """Columns of `GaitTracks.postures` over a leg in which a posture is assumed, perhaps repeatedly, and left.
+
+    With ``held``, it is held throughout.
+    """
     at_s = np.arange(poses) / POSE_HZ
-    weight = smooth_step(np.minimum(at_s, poses / POSE_HZ - at_s) / RISE_S)
+    weight = np.ones(poses) if held else smooth_step(np.minimum(at_s, poses / POSE_HZ - at_s) / RISE_S)
     if posture.period_s > 0:
         weight = weight * (0.5 - 0.5 * np.cos(2 * np.pi * at_s / posture.period_s))
     arms = [float(name == posture.arms) for name in ARM_POSES]

@@ -37,6 +37,7 @@ class PersonSettings:
         first: whether this person moves first, if two take turns.
         route: steps of the scenario ``route``, see `mocapella.sources.simulate.scenarios.written_route`.
         stature: height of the person [m].
+        lifeless: whether this is a mannequin, which neither breathes nor sways.
         bvh: path of a BVH file whose motion replaces the scenario; None for none.
         bvh_metres_per_unit: unit of the BVH file [m]; None scales its motion to the stature.
 
@@ -50,6 +51,7 @@ class PersonSettings:
     first: bool = True
     route: tuple[str, ...] = ()
     stature: float = 1.75
+    lifeless: bool = False
     bvh: str | None = None
     bvh_metres_per_unit: float | None = None
 
@@ -170,4 +172,4 @@ def _motion(person: PersonSettings, seed: int, index: int) -> Motion:
         route = written_route(person.start, person.route)
     else:
         route = plan(person.scenario, person.start, person.target, first=person.first)
-    return animate(route.legs, bone_lengths(person.stature), person.stature, rng)
+    return animate(route.legs, bone_lengths(person.stature), person.stature, rng, lifeless=person.lifeless)

@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.sources.simulate.postures import STANDING, BodyPosture
+from mocapella.sources.simulate.postures import POSTURES, STANDING, BodyPosture
 
 Float64 = NDArray[np.float64]
 Point = tuple[float, float]
@@ -21,6 +22,8 @@ STEP_S = 0.56
 STEP_M = 0.45
 TURN_PER_STEP = math.radians(50)
 HALF_TURN_S = math.ceil(math.pi / TURN_PER_STEP) * STEP_S
+SEATED: Final = POSTURES["sit"]
+"""Posture in a wheelchair."""
 RAMP_S = 0.6
 """Duration of the acceleration at the start, and of the deceleration at the end [s]."""
 
@@ -46,6 +49,7 @@ class Leg:
         centre: centre of an arc (world x, z) [m], along which the person goes from ``start`` by the angle of the body's
             rotation, so ``end`` must lie there (not checked); None without an arc.
         posture: posture that is assumed during the leg and left at its end.
+        on_wheels: whether the body is moved as it sits, with its feet: the posture is held throughout, without steps.
     """
 
     start: Spot
@@ -54,6 +58,7 @@ class Leg:
     seconds: float
     centre: Point | None = None
     posture: BodyPosture = STANDING
+    on_wheels: bool = False
 
     def at(self, progress: Float64) -> Float64:
         """Return x, z [m] and heading [rad] (n, 3) at fractions (n,) of the leg's duration, 0 to 1."""
@@ -133,19 +138,31 @@ class Route:
         x, z = _about(centre, (self.spot.x, self.spot.z), np.array([by]))
         self._leg(Spot(float(x[0]), float(z[0]), self.spot.heading + by), centre)
 
+    def roll(self, to: Point) -> None:
+        """Be moved to a point (world x, z) [m] on a wheelchair, without turning, as quickly as a person who goes."""
+        self.legs.append(replace(self._next(Spot(*to, self.spot.heading)), steps=0, posture=SEATED, on_wheels=True))
+        self.spot = self.legs[-1].end
+
+    def seat(self, seconds: float) -> None:
+        """Sit in a wheelchair that stands still for a time [s]."""
+        self.legs.append(Leg(self.spot, self.spot, 0, seconds, posture=SEATED, on_wheels=True))
+
     def then(self, other: Route) -> None:
         """Append the legs of another route, which must begin at the end of this one (not checked)."""
         self.legs.extend(other.legs)
         self.spot = other.spot
 
     def _leg(self, end: Spot, centre: Point | None = None) -> None:
+        self.legs.append(self._next(end, centre))
+        self.spot = end
+
+    def _next(self, end: Spot, centre: Point | None = None) -> Leg:
         by = abs(end.heading - self.spot.heading)
         far = math.hypot(end.x - self.spot.x, end.z - self.spot.z)
         if centre is not None:
             far = by * math.hypot(end.x - centre[0], end.z - centre[1])
         steps = max(2, math.ceil(far / STEP_M) + 1, math.ceil(by / TURN_PER_STEP))
-        self.legs.append(Leg(self.spot, end, steps, steps * STEP_S, centre))
-        self.spot = end
+        return Leg(self.spot, end, steps, steps * STEP_S, centre)
 
 
 def _about(centre: Point, point: Point, angle: Float64) -> tuple[Float64, Float64]:

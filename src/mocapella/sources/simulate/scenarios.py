@@ -35,8 +35,8 @@ class Cue:
 WRITTEN = "route"
 """Name of the scenario for a route given in the settings."""
 _STEPS = (
-    "stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES",
-    *(f"{name} SECONDS" for name in POSTURES),
+    "stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES", "roll X Z",
+    "seat SECONDS", *(f"{name} SECONDS" for name in POSTURES),
 )  # fmt: skip
 
 
@@ -73,8 +73,8 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
     Args:
         start: initial position (world x, z) [m].
         words: ``stand SECONDS``, ``go X Z`` (turn there first), ``shift X Z`` (without turning), ``turn DEGREES`` (0
-            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point), and
-            ``POSTURE SECONDS`` with a name of `mocapella.sources.simulate.postures.POSTURES`.
+            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point), ``roll X Z``
+            (moved there on a wheelchair, without turning), ``seat SECONDS`` (in a wheelchair), and ``POSTURE SECONDS`` with a name of `mocapella.sources.simulate.postures.POSTURES`.
 
     Raises:
         SettingsError: there is no step, or one is invalid.
@@ -99,6 +99,10 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
                 route.shift((x, z))
             case "turn", [degrees]:
                 route.turn(math.radians(degrees))
+            case "roll", [x, z]:
+                route.roll((x, z))
+            case "seat", [seconds] if seconds > 0:
+                route.seat(seconds)
             case "around", [x, z, degrees]:
                 route.around((x, z), math.radians(degrees))
             case _:
