@@ -27,6 +27,7 @@ from mocapella.calibration.shared_people import SURE_FIELD, missed_people
 from mocapella.model import condition_texts as texts
 from mocapella.model.bodies import Bodies
 from mocapella.model.conditions import is_warning, trouble
+from mocapella.model.session import SensorPose
 
 People = Mapping[int, Walker]
 ONE: People = {1: Walker()}
@@ -44,6 +45,7 @@ class Session:
         self.a, self.b = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01, phase=0.011)
         self.calibration = PeopleCalibration(settings)
         self.spoil: Callable[[Sensor, Bodies], Bodies] = lambda sensor, bodies: bodies
+        self.pose: SensorPose | None = None
         self.state = PeopleState({}, (), False, 0, 0)
         self.now = 0.0
 
@@ -55,7 +57,11 @@ class Session:
             for sensor, people in ((self.a, a), (self.b, a if b is None else b)):
                 t = begin + k / RATE_HZ + sensor.phase
                 bodies = self.spoil(sensor, sensor.see(people, t))
-                self.state = self.calibration.update(bodies, round(1e9 * (100 + t + sensor.clock)))
+                self.state = self.calibration.update(
+                    bodies,
+                    round(1e9 * (100 + t + sensor.clock)),
+                    pose=self.pose if sensor is self.a else None,
+                )
                 said |= {trouble(known.condition) for known in self.state.sensors.values() if known.condition}
         return said
 
@@ -200,6 +206,23 @@ def _mirrored() -> tuple[Session, set[str]]:
     return session, session.go(15)
 
 
+class Stepper(Walker):
+    """Walks and stands in turn, for 0.6 s each, so that feet stand."""
+
+    def at(self, t: float) -> np.ndarray:
+        return super().at(0.6 * (t // 1.2) + min(t % 1.2, 0.6))
+
+
+def _mistilted() -> tuple[Session, set[str]]:
+    session = Session()
+    session.pose = SensorPose(np.radians(60.0), 1.0)
+    return session, session.go(STEADY_S, {1: Stepper(speed=0.8)})
+
+
+def _tilt_corrected(session: Session) -> None:
+    session.pose = SensorPose(0.0, 1.0)
+
+
 CASES = {
     texts.SEES_NOBODY: Case(_sees_nobody),
     texts.NOBODY_SHARED: Case(_sees_nobody),
@@ -217,6 +240,7 @@ CASES = {
     texts.UNSEEN: Case(_moved_unseen),
     texts.UNSEEN_BY_LAYOUT: Case(_wrong_layout),
     texts.MIRRORED_STREAM: Case(_mirrored, _unmirrored),
+    texts.MISTILTED: Case(_mistilted, _tilt_corrected),
 }
 
 

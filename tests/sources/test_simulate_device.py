@@ -34,6 +34,16 @@ def test_the_pose_is_a_rigid_motion_that_looks_where_it_says(
     assert T[1, 0] == pytest.approx(0, abs=1e-12), "no roll"
 
 
+@given(st.floats(-180, 180), st.floats(-80, 80), st.floats(-180, 180))
+def test_a_roll_turns_the_image_about_the_optical_axis(yaw: float, tilt: float, roll: float) -> None:
+    upright = SensorSettings("s", yaw_deg=yaw, tilt_deg=tilt).T_world_sensor
+    rolled = SensorSettings("s", yaw_deg=yaw, tilt_deg=tilt, roll_deg=roll).T_world_sensor
+    np.testing.assert_allclose(rolled[:3, 2:], upright[:3, 2:], atol=1e-12)
+    r = math.radians(roll)
+    np.testing.assert_allclose(rolled[:3, 0], upright[:3, :2] @ [math.cos(r), math.sin(r)], atol=1e-12)
+    assert np.linalg.det(rolled[:3, :3]) == pytest.approx(1)
+
+
 @given(coordinate, coordinate, st.floats(0.3, 6))
 def test_a_point_is_in_the_image_exactly_if_it_is_in_the_field_of_view(x: float, y: float, z: float) -> None:
     point = np.array([x, y, z])
@@ -105,6 +115,7 @@ def test_frames_are_evenly_apart_also_after_decades(index: int, rate: float, pha
         ({"max_bodies": 0}, "max_bodies"),
         ({"forget_s": -1}, "forget_s"),
         ({"mirror_beyond_deg": 181}, "mirror_beyond_deg"),
+        ({"roll_deg": 181}, "roll_deg"),
     ],
 )
 def test_settings_out_of_range_are_refused_by_name(change: dict[str, object], message: str) -> None:

@@ -12,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
-from mocapella.sources.simulate import Room, load_scene, scene_names
+from mocapella.sources.simulate import (
+    PersonSettings,
+    Room,
+    SceneSettings,
+    SensorSettings,
+    build_room,
+    load_scene,
+    scene_names,
+)
 from mocapella.sources.simulate.body import BODY, JOINT, facing
 from mocapella.sources.simulate.motion import PERIOD_NS
 from mocapella.sources.simulate.postures import STANDING, posture
@@ -196,3 +204,27 @@ def test_a_turn_takes_the_shorter_way() -> None:
     route = Route(Spot(0, 0, math.radians(170)))
     route.turn(math.radians(-170))
     assert route.spot.heading == pytest.approx(math.radians(190))
+
+
+def moves(words: tuple[str, ...], **how: bool) -> np.ndarray:
+    """(instants, 25, 3) of a person's route, every 20 ms."""
+    person = PersonSettings((0.2, 3.0), "route", route=words, **how)
+    r = build_room(SceneSettings("route", (SensorSettings("front"),), (person,), seed=4))
+    return np.stack([r.positions_at(at)[0] for at in range(0, r.duration_ns, PERIOD_NS)])
+
+
+def test_who_is_pushed_on_a_wheelchair_sits_and_is_moved_as_a_whole() -> None:
+    p = moves(("seat 1", "roll 0.2 1.5", "seat 1", "roll 0.2 3.0"))
+    hip, knee, ankle = (p[:, JOINT[f"{name}Left"]] for name in ("Hip", "Knee", "Ankle"))
+    assert np.abs(hip[:, 1] - knee[:, 1]).max() < 0.15
+    np.testing.assert_allclose(np.diff(ankle, axis=0)[..., 1], 0, atol=1e-9)
+    assert np.ptp(ankle[:, 2]) == pytest.approx(1.5, abs=0.02)
+    within = p - p[:, JOINT["SpineBase"], None]
+    legs = [JOINT[f"{name}{side}"] for name in ("Knee", "Ankle") for side in ("Left", "Right")]
+    assert np.ptp(within[:, legs], axis=0).max() < 0.05
+    assert np.linalg.norm(np.diff(p, axis=0), axis=-1).max() < 0.05, "nobody jumps"
+
+
+def test_a_mannequin_does_not_move_at_all_and_a_person_who_stands_does() -> None:
+    assert np.ptp(moves(("stand 3",), lifeless=True), axis=0).max() < 1e-12
+    assert np.ptp(moves(("stand 3",)), axis=0).max() > 0.001

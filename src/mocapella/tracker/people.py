@@ -48,6 +48,11 @@ from mocapella.tracker.people_memory import (
     UInt8,
 )
 
+UNSURE_SD: Final = 1.2
+"""Standard deviation of a facing above which left and right are uncertain [rad]."""
+UNSURE_S: Final = 3.0
+"""Time for which a facing must be uncertain until the person says so [s]."""
+UNSURE: Final = "left and right are uncertain: stand upright, or turn the chest to a sensor"
 SMOOTHING: Final = ("articulated", "kalman", "one-euro")
 """Smoothing methods: an articulated body, a Kalman filter per joint, or a 1-euro filter per coordinate."""
 
@@ -247,6 +252,8 @@ class People:
         elif len(rows):
             people = [self.numbers[row] for row in rows.tolist()]
             f = self._facing.update(frame.sensor, people, bodies, toward, frame.at_s, velocities)
+            begun = np.minimum(m.unsure_s[rows], frame.at_s)
+            m.unsure_s[rows] = np.where(f.sd > UNSURE_SD, begun, np.inf)
             results = FacingResults(bodies, f.yaw, f.sd, f.mirrored, f.reported, f.unlike, toward, velocities)
             kernels.turn_views(rows, column, dts, self._parameters, layout.lines, results, m.yaw, views)
         measured, doubts = kernels.make(
@@ -301,13 +308,15 @@ class People:
         ]
 
     def conditions(self) -> list[str]:
-        """Return a text for each row: the joints that sensors have long measured beyond the body model's limits.
+        """Return a text for each row: joints long measured beyond the body model's limits, uncertain left and right.
 
-        The text is empty if there are none, and without an articulated body.
+        The text is empty without either; joints need an articulated body.
         """
-        if self._model is None:
-            return [""] * len(self.numbers)
-        return conditions_of(self._model, self.memory.body)
+        m = self.memory
+        said = [""] * len(self.numbers) if self._model is None else conditions_of(self._model, m.body)
+        for row in np.flatnonzero(m.fused_s - m.unsure_s > UNSURE_S).tolist():
+            said[row] = ", ".join(filter(None, (UNSURE, said[row])))
+        return said
 
     def swapped(self) -> frozenset[BodyKey]:
         """Return (sensor, tracking id) of the views whose left and right must be swapped so that the sensors agree."""

@@ -196,6 +196,7 @@ class PeopleMemory:
         at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
             `PointArrays` for shapes and units.
         fused_s, steady, doubts, states, yaw: the fused and smoothed skeletons that scenes report, see `SkeletonArrays`.
+        unsure_s: (people,) time since which the facing, and so left and right, have been uncertain [s]; infinite if not.
         body: (people, …) state of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
             (people, joints) [s]: state of the 1-euro filter.
@@ -232,6 +233,7 @@ class PeopleMemory:
     view_turn: Float64
     view_offsets: Float64
     view_rigidity: Float64 = field(default_factory=lambda: np.empty(0))
+    unsure_s: Float64 = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
@@ -270,12 +272,14 @@ class PeopleMemory:
             view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
             view_rigidity=np.tile((1.0, 0.0), (*V, 1)),
+            unsure_s=np.full(P, np.inf),
         )
 
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
         """Check the arrays of a snapshot; replace those of another version by ones without data.
 
-        These are the attribute ``body``, if it has another size, and ``view_rigidity``, which older ones do not have.
+        These are the attribute ``body``, if it has another size, and ``view_rigidity`` and ``unsure_s``, which older ones
+        do not have.
 
         The arguments are as in `empty`.
 
@@ -285,8 +289,9 @@ class PeopleMemory:
         empty = PeopleMemory.empty(people, sensors, joints, body)
         if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
             self.body = empty.body
-        if self.view_rigidity.shape == (0,):
-            self.view_rigidity = empty.view_rigidity
+        for name in ("view_rigidity", "unsure_s"):
+            if getattr(self, name).shape == (0,):
+                setattr(self, name, getattr(empty, name))
         for name, wanted in vars(empty).items():
             found = getattr(self, name)
             if found.shape != wanted.shape or found.dtype != wanted.dtype:
