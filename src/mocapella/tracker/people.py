@@ -48,11 +48,16 @@ from mocapella.tracker.people_memory import (
     UInt8,
 )
 
+GUESS_SD_M_S: Final = 0.1
+"""Growth of an inferred joint's least standard deviation with the time since it was measured [m/s]: a sensor that
+guesses the legs behind a desk repeats one error in all its frames."""
+MOST_GUESS_SD_M: Final = 0.3
+"""Largest value of it, about half the reach of a limb [m]."""
 UNSURE_SD: Final = 1.2
-"""Standard deviation of a facing above which left and right are uncertain [rad]."""
+"""Standard deviation of a facing above which it does not decide which of the sensors is right [rad]."""
 UNSURE_S: Final = 3.0
-"""Time for which a facing must be uncertain until the person says so [s]."""
-UNSURE: Final = "left and right are uncertain: stand upright, or turn the chest to a sensor"
+"""Time for which sensors must disagree without a decision until the person says so [s]."""
+UNSURE: Final = "sensors disagree about left and right: stand upright, or turn the chest to one of them"
 SMOOTHING: Final = ("articulated", "kalman", "one-euro")
 """Smoothing methods: an articulated body, a Kalman filter per joint, or a 1-euro filter per coordinate."""
 
@@ -252,13 +257,13 @@ class People:
         elif len(rows):
             people = [self.numbers[row] for row in rows.tolist()]
             f = self._facing.update(frame.sensor, people, bodies, toward, frame.at_s, velocities)
-            begun = np.minimum(m.unsure_s[rows], frame.at_s)
-            m.unsure_s[rows] = np.where(f.sd > UNSURE_SD, begun, np.inf)
             results = FacingResults(bodies, f.yaw, f.sd, f.mirrored, f.reported, f.unlike, toward, velocities)
             kernels.turn_views(rows, column, dts, self._parameters, layout.lines, results, m.yaw, views)
+            self._note_unsure(rows, f.sd, at_s)
         measured, doubts = kernels.make(
             rows, len(self.sensors), at_s, self._parameters, fusion, layout, self.up, points, views, skeletons
         )
+        m.measured_s[m.states == JointState.TRACKED] = at_s
         if self._model is not None:
             rigidity = kernels.rigidity_of(rows, at_s, s.view_age_s, views)
             kernels.pose_people(rows, self._model.arrays, m.body, measured, doubts, at_s, rigidity, m.steady, m.doubts)
@@ -268,6 +273,14 @@ class People:
                 rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, measured, at_s,
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
+
+    def _note_unsure(self, rows: Rows, sd: Float64, at_s: float) -> None:
+        """Note since when the sensors have disagreed about left and right while the facing does not decide it."""
+        m = self.memory
+        used = at_s - m.view_at[rows] <= self.settings.view_age_s
+        swapped = m.view_mirrored[rows]
+        unsure = (used & swapped).any(axis=1) & (used & ~swapped).any(axis=1) & (sd > UNSURE_SD)
+        m.unsure_s[rows] = np.where(unsure, np.minimum(m.unsure_s[rows], at_s), np.inf)
 
     def results(self, T: Float64, at_s: float) -> PeopleResults:
         """Return all people and the views in use, in new arrays; the state does not change.
@@ -283,6 +296,9 @@ class People:
         positions, sd, views, fresh = results
         unknown = m.states == JointState.NOT_TRACKED  # the body model extrapolates them without an end
         positions[unknown], sd[unknown] = np.nan, np.nan
+        guessed = m.states == JointState.INFERRED
+        drift_m = np.minimum(GUESS_SD_M_S * (at_s - m.measured_s[guessed]), MOST_GUESS_SD_M)
+        sd[guessed] = np.maximum(sd[guessed], drift_m)
         return PeopleResults(positions, sd, views, fresh)
 
     def views_of(
@@ -308,7 +324,7 @@ class People:
         ]
 
     def conditions(self) -> list[str]:
-        """Return a text for each row: joints long measured beyond the body model's limits, uncertain left and right.
+        """Return a text for each row: joints long measured beyond the body model's limits, and sensors that disagree about sides.
 
         The text is empty without either; joints need an articulated body.
         """

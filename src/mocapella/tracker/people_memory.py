@@ -196,7 +196,9 @@ class PeopleMemory:
         at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
             `PointArrays` for shapes and units.
         fused_s, steady, doubts, states, yaw: the fused and smoothed skeletons that scenes report, see `SkeletonArrays`.
-        unsure_s: (people,) time since which the facing, and so left and right, have been uncertain [s]; infinite if not.
+        unsure_s: (people,) time since which sensors have disagreed about left and right without a decision [s]; infinite
+            if they do not.
+        measured_s: (people, joints) time at which a sensor measured the joint last [s]; −inf if none has.
         body: (people, …) state of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
             (people, joints) [s]: state of the 1-euro filter.
@@ -234,6 +236,7 @@ class PeopleMemory:
     view_offsets: Float64
     view_rigidity: Float64 = field(default_factory=lambda: np.empty(0))
     unsure_s: Float64 = field(default_factory=lambda: np.empty(0))
+    measured_s: Float64 = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def empty(cls, people: int, sensors: int, joints: int, body: int) -> PeopleMemory:
@@ -273,13 +276,14 @@ class PeopleMemory:
             view_offsets=np.zeros((*V, joints, 3)),
             view_rigidity=np.tile((1.0, 0.0), (*V, 1)),
             unsure_s=np.full(P, np.inf),
+            measured_s=np.full((*P, joints), -np.inf),
         )
 
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
         """Check the arrays of a snapshot; replace those of another version by ones without data.
 
-        These are the attribute ``body``, if it has another size, and ``view_rigidity`` and ``unsure_s``, which older ones
-        do not have.
+        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``unsure_s`` and ``measured_s``,
+        which older ones do not have.
 
         The arguments are as in `empty`.
 
@@ -289,7 +293,7 @@ class PeopleMemory:
         empty = PeopleMemory.empty(people, sensors, joints, body)
         if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
             self.body = empty.body
-        for name in ("view_rigidity", "unsure_s"):
+        for name in ("view_rigidity", "unsure_s", "measured_s"):
             if getattr(self, name).shape == (0,):
                 setattr(self, name, getattr(empty, name))
         for name, wanted in vars(empty).items():
