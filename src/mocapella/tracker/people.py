@@ -324,7 +324,7 @@ class People:
         ]
 
     def conditions(self) -> list[str]:
-        """Return a text for each row: joints long measured beyond the body model's limits, and sensors that disagree about sides.
+        """Return a text for each row: sensors that disagree about sides, joints long measured beyond the body's limits.
 
         The text is empty without either; joints need an articulated body.
         """

@@ -196,8 +196,8 @@ class PeopleMemory:
         at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
             `PointArrays` for shapes and units.
         fused_s, steady, doubts, states, yaw: the fused and smoothed skeletons that scenes report, see `SkeletonArrays`.
-        unsure_s: (people,) time since which sensors have disagreed about left and right without a decision [s]; infinite
-            if they do not.
+        unsure_s: (people,) time since which sensors have disagreed about left and right without a decision [s];
+            infinite if they do not.
         measured_s: (people, joints) time at which a sensor measured the joint last [s]; −inf if none has.
         body: (people, …) state of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
@@ -282,8 +282,8 @@ class PeopleMemory:
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
         """Check the arrays of a snapshot; replace those of another version by ones without data.
 
-        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``unsure_s`` and ``measured_s``,
-        which older ones do not have.
+        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``unsure_s`` and
+        ``measured_s``, which older ones do not have.
 
         The arguments are as in `empty`.
 
