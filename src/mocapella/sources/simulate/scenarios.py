@@ -35,8 +35,8 @@ class Cue:
 WRITTEN = "route"
 """Name of the scenario for a route given in the settings."""
 _STEPS = (
-    "stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES", "roll X Z",
-    "seat SECONDS", *(f"{name} SECONDS" for name in POSTURES),
+    "stand SECONDS", "go X Z", "shift X Z", "turn DEGREES", "around X Z DEGREES", "roll X Z", "seat SECONDS",
+    *(f"{name} SECONDS" for name in POSTURES),
 )  # fmt: skip
 
 
