@@ -77,8 +77,10 @@ def test_nobody_inferred_joints_and_frames_without_duration_tell_nothing() -> No
     assert head_up_s(0.5, seen, SensorPose(), 9.0) == pytest.approx(0.6)
     seen.states[:] = JointState.INFERRED
     assert head_up_s(0.5, seen, SensorPose(), 0.03) == 0.5
-    seen.states[:], seen.positions[:] = JointState.TRACKED, np.nan
-    assert head_up_s(0.5, seen, SensorPose(), 0.03) == 0.5
+    for nowhere in (np.nan, np.inf, 0.0):
+        lost = bodies(FRONT)
+        lost.positions[:, lost.topology.parts["head"]] = nowhere
+        assert head_up_s(0.5, lost, SensorPose(), 0.03) == 0.5
 
 
 def test_who_stands_on_the_hands_turns_no_sensor_round_that_was_seen_upright() -> None:

@@ -48,12 +48,13 @@ def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) ->
     if not bodies.ids or not dt > 0:
         return evidence_s
     parts = bodies.topology.parts
-    ends = [parts["head"], parts["root"]]
-    backs = bodies.positions[:, ends[0]] - bodies.positions[:, ends[1]]
-    measured = (bodies.states[:, ends] == JointState.TRACKED).all(axis=1)
-    length = np.sqrt((backs**2).sum(axis=1))
-    above = backs @ vertical(pose)
-    counts = measured & (length > _LEAST_M) & (np.abs(above) > _UPRIGHT * length)  # False for NaN
+    trunk = [parts["head"], parts["root"]]
+    ends = bodies.positions[:, trunk]
+    there = np.isfinite(ends) & (ends != 0).any(axis=2, keepdims=True)  # sensors report joints that are lost at 0
+    measured = there.all(axis=(1, 2)) & (bodies.states[:, trunk] == JointState.TRACKED).all(axis=1)
+    backs = ends[measured, 0] - ends[measured, 1]
+    length, above = np.sqrt((backs**2).sum(axis=1)), backs @ vertical(pose)
+    counts = (length > _LEAST_M) & (np.abs(above) > _UPRIGHT * length)
     change_s = float(np.sign(above[counts]).sum()) * min(dt, LONGEST_STEP_S)
     return min(max(evidence_s + change_s, -MOST_S), MOST_S)
 

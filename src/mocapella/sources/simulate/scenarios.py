@@ -73,8 +73,9 @@ def written_route(start: Point, words: Sequence[str]) -> Route:
     Args:
         start: initial position (world x, z) [m].
         words: ``stand SECONDS``, ``go X Z`` (turn there first), ``shift X Z`` (without turning), ``turn DEGREES`` (0
-            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point), ``roll X Z``
-            (moved there on a wheelchair, without turning), ``seat SECONDS`` (in a wheelchair), and ``POSTURE SECONDS`` with a name of `mocapella.sources.simulate.postures.POSTURES`.
+            along z, growing towards x), ``around X Z DEGREES`` (along a circle about that point), ``roll X Z`` (moved
+            there on a wheelchair, without turning), ``seat SECONDS`` (in a wheelchair), and ``POSTURE SECONDS`` with a
+            name of `mocapella.sources.simulate.postures.POSTURES`.
 
     Raises:
         SettingsError: there is no step, or one is invalid.
