@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.walking_people import KINECT_V2
 
 from mocapella.geometry.angles import wrap
-from mocapella.geometry.rigid import apply, rigid, rotation_about_y
+from mocapella.geometry.rigid import apply, rigid, rotation_about_y, rotation_about_z
 from mocapella.tracker import people_kernels as kernels
-from mocapella.tracker.people import People, PeopleSettings
+from mocapella.tracker.people import UNSURE, UNSURE_S, UNSURE_SD, People, PeopleSettings
 from mocapella.tracker.people_memory import FacingResults, PeopleMemory, PeopleParameters, PointArrays, ViewArrays
+from mocapella.tracker.people_view_kernels import WALKS_COS, to_level
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -174,9 +175,90 @@ def test_a_person_is_as_rigid_as_the_least_rigid_view_in_use(
     np.testing.assert_array_equal(found, [np.max(used, axis=0) if used else np.zeros(2)])
 
 
-def test_the_memory_of_a_version_without_rigidity_is_taken() -> None:
+def test_the_memory_of_an_older_version_is_taken() -> None:
     memory = People(PeopleSettings(), KINECT_V2).memory.resized([], 2, 3)
-    older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name != "view_rigidity"})
+    newer = {"view_rigidity", "unsure_s", "measured_s"}
+    older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name not in newer})
     older.check(2, 3, len(KINECT_V2), memory.body.shape[1])
     np.testing.assert_array_equal(older.view_rigidity[..., 0], np.ones((2, 3)))  # 0 would make measurements exact
     np.testing.assert_array_equal(older.view_rigidity[..., 1], np.zeros((2, 3)))
+    assert np.isposinf(older.unsure_s).all()
+    assert older.unsure_s.shape == (2,)
+    assert np.isneginf(older.measured_s).all()
+
+
+@given(st.floats(0.0, 180.0), st.floats(-180.0, 180.0))
+def test_only_who_is_upright_walks(lean_deg: float, yaw_deg: float) -> None:
+    """A body that leans has no horizontal velocity, its other results do not depend on it."""
+    assume(abs(np.cos(np.radians(lean_deg)) - WALKS_COS) > 1e-6)
+    root, head = KINECT_V2.parts["root"], KINECT_V2.parts["head"]
+    body = np.zeros((1, len(KINECT_V2), 3))
+    lean, yaw = np.radians(lean_deg), np.radians(yaw_deg)
+    body[0, head] = 0.6 * np.array([np.sin(lean) * np.sin(yaw), np.cos(lean), np.sin(lean) * np.cos(yaw)])
+    velocities = np.broadcast_to([0.7, -0.2, 0.4], body.shape).copy()
+    level, toward, speeds = to_level(
+        np.eye(3), body, np.array([0.0, 0.0, 2.0]), root, head, np.zeros(1, np.int64), velocities
+    )
+    walks = np.cos(lean) > WALKS_COS
+    np.testing.assert_array_equal(speeds[0], [0.7, -0.2, 0.4] if walks else [0.0, -0.2, 0.0])
+    np.testing.assert_array_equal(level, body)
+    assert toward[0] == 0.0
+    body[0, head] = np.nan
+    assert to_level(np.eye(3), body, np.zeros(3), root, head, np.zeros(1, np.int64), velocities)[2][0, 0] == 0.7
+
+
+def unsure_people(mirrored: tuple[bool, bool], ages: tuple[float, float] = (0.0, 0.0)) -> People:
+    """One person whom two sensors see, with exchanged labels or not, at 10 s."""
+    people = People(PeopleSettings(), KINECT_V2)
+    people.sensors, people.numbers = ["front", "side"], [7]
+    people.memory = people.memory.resized([], 1, 2)
+    people.memory.view_mirrored[0], people.memory.view_at[0] = mirrored, 10.0 - np.array(ages)
+    return people
+
+
+def says(people: People, sd: float) -> bool:
+    """Whether the person has the condition after the sensors have disagreed for longer than it takes."""
+    for at_s in (10.0, 10.0 + 1.1 * UNSURE_S):
+        ages = 10.0 - people.memory.view_at if at_s == 10.0 else people.memory.view_at * 0
+        people.memory.view_at[:] = at_s - ages
+        people._note_unsure(np.zeros(1, np.int64), np.array([sd]), at_s)
+        people.memory.fused_s[:] = at_s
+    return people.conditions() == [UNSURE]
+
+
+@pytest.mark.parametrize(
+    ("mirrored", "sd", "said"),
+    [
+        ((True, False), 1.01 * UNSURE_SD, True),
+        ((False, True), 1.01 * UNSURE_SD, True),
+        ((True, False), 0.99 * UNSURE_SD, False),  # the facing decides
+        ((True, True), 9.0, False),  # they agree
+        ((False, False), 9.0, False),
+    ],
+)
+def test_a_person_says_that_sensors_disagree_about_sides_only_while_nothing_decides(
+    mirrored: tuple[bool, bool], sd: float, said: bool
+) -> None:
+    people = unsure_people(mirrored)
+    assert people.conditions() == [""]
+    assert says(people, sd) is said
+    people._note_unsure(np.zeros(1, np.int64), np.array([0.3]), 20.0)
+    assert people.conditions() == [""], "it clears at once"
+
+
+def test_an_old_view_disagrees_with_nobody() -> None:
+    people = unsure_people((True, False), (0.0, 1.0))
+    people._note_unsure(np.zeros(1, np.int64), np.array([9.0]), 10.0)
+    assert np.isposinf(people.memory.unsure_s).all()
+
+
+@pytest.mark.parametrize(("angle_deg", "forgets"), [(0.0, False), (20.0, False), (180.0, True)])
+def test_facings_that_were_seen_upside_down_are_forgotten(angle_deg: float, forgets: bool) -> None:
+    people = People(PeopleSettings(), KINECT_V2)
+    assert people._facing is not None
+    people._facing.update("front", [7], np.zeros((1, len(KINECT_V2), 3)), np.zeros(1), 1.0, np.zeros((1, 3)))
+    people.level(rotation_about_z(np.radians(angle_deg)))
+    assert (7 not in people._facing.memory.people) is forgets
+    unaided = People(PeopleSettings(facing=None), KINECT_V2)
+    unaided.level(rotation_about_z(np.pi))
+    np.testing.assert_allclose(unaided.up, [0.0, -1.0, 0.0], atol=1e-12)
