@@ -94,7 +94,7 @@ def _add_upright(back: Float64, root: Float64, head: Float64, feet: Float64) -> 
 
     It is that of the back; but where people squat or bend, the centre of mass is above the feet instead. Where these
     two differ by more than `LEANS_COS`, the second is used if the legs are stretched; else people may sit, and the one
-    nearer to the sensor's own vertical is used: sensors are about level.
+    nearer to the sensor's own vertical is used: sensors are about level, or upside down.
 
     Args:
         back: updated.
@@ -119,7 +119,7 @@ def _add_upright(back: Float64, root: Float64, head: Float64, feet: Float64) -> 
     length, reach, legs = np.sqrt(length), np.sqrt(reach), np.sqrt(legs)
     if not length > 0.0:
         return
-    leans = dot < LEANS_COS * length * reach and (legs > STRETCHED * length or y[1] * length > x[1] * reach)
+    leans = dot < LEANS_COS * length * reach and (legs > STRETCHED * length or abs(y[1]) * length > abs(x[1]) * reach)
     for m in range(3):
         back[m] += BACK_STEP_S * (y[m] / reach if leans else x[m] / length)
     back[3] += BACK_STEP_S
