@@ -32,7 +32,7 @@ class BridgeStart(msgspec.Struct, frozen=True, tag="start", tag_field="say"):
     """
 
     sensor: str
-    node_id: Annotated[int, msgspec.Meta(gt=0, lt=2**63)]
+    node_id: Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
     first: _Number
     lost: _Number
     next: _Number
