@@ -93,6 +93,7 @@ def check_take(take: Take, *runs: Client) -> None:
             check_frame(frame, played)
 
 
+@pytest.mark.slow
 def test_every_field_of_every_frame_is_in_the_take_and_the_client_starts_the_bridge(session: Session) -> None:
     script = session.folder / "mocapella"
     script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mocapella "$@"\n')
