@@ -153,6 +153,7 @@ SENSOR is a name of your choice, such as front.
             var left = Spool.Left(options.Spool, options.Sensor, Say);
             var spool = new Spool(
                 options.Spool, options.Sensor, RandomId(), options.SpoolMib * 1048576, options.ReserveMib * 1048576, Say);
+            spool.Earlier.AddRange(left);
             Say(options.Sensor + ": frames wait in " + options.Spool + ", at most " + options.SpoolMib
                 + " MiB, until they are stored; then the oldest are lost (Ctrl+C ends)");
             long made = 0;
@@ -191,7 +192,9 @@ SENSOR is a name of your choice, such as front.
                 Say("an earlier run left " + earlier.Waiting + " frames in " + earlier.Folder + "; sending them first");
                 int refusals = link.Refusals;
                 Func<long, bool> giveUp = Patience(() => link.Refusals - refusals >= LeftTries);
-                if (link.Deliver(earlier, () => true, giveUp))
+                bool stored = link.Deliver(earlier, () => true, giveUp);
+                if (earlier.Dropped > 0) status = 1;
+                if (stored)
                 {
                     Say("the frames of the earlier run are stored");
                     earlier.Remove();

@@ -32,9 +32,11 @@ namespace Mocapella.KinectV2
         private readonly Action<string> say;
         private FileStream writer, reader;
         private Part readerPart;
-        private long readerNext, bytes, clockShiftNs;
+        private long readerNext, bytes, clockShiftNs, beganTicks;
         private bool full, failing;
 
+        /// <summary>Spools of earlier runs: their frames count for the limits, too, and are lost before this one's.</summary>
+        public readonly List<Spool> Earlier = new List<Spool>();
         public readonly string Folder;
         public readonly ulong NodeId;
         /// <summary>Frames that were deleted or could not be written, before they were acknowledged.</summary>
@@ -53,7 +55,7 @@ namespace Mocapella.KinectV2
             this.reserveBytes = reserveBytes;
             this.say = say;
             Directory.CreateDirectory(Folder);
-            held = new FileStream(Path.Combine(Folder, LockFile), FileMode.Create, FileAccess.ReadWrite, FileShare.None);
+            held = Held(Folder);
             string clock = MonotonicClock.NowNs().ToString(CultureInfo.InvariantCulture) + " "
                 + DateTime.UtcNow.Ticks.ToString(CultureInfo.InvariantCulture);
             File.WriteAllText(Path.Combine(Folder, ClockFile), clock);
@@ -73,7 +75,6 @@ namespace Mocapella.KinectV2
             var found = new List<Spool>();
             if (!Directory.Exists(root)) return found;
             var folders = new DirectoryInfo(root).GetDirectories(sensor + "-*");
-            Array.Sort(folders, (a, b) => a.CreationTimeUtc.CompareTo(b.CreationTimeUtc));
             foreach (var folder in folders)
             {
                 ulong nodeId;
@@ -84,6 +85,7 @@ namespace Mocapella.KinectV2
                 var spool = Reopened(folder.FullName, nodeId, say);
                 if (spool != null) found.Add(spool);
             }
+            found.Sort((a, b) => a.beganTicks.CompareTo(b.beganTicks));
             return found;
         }
 
@@ -92,8 +94,7 @@ namespace Mocapella.KinectV2
             FileStream held;
             try
             {
-                held = new FileStream(
-                    Path.Combine(folder, LockFile), FileMode.OpenOrCreate, FileAccess.ReadWrite, FileShare.None);
+                held = Held(folder);
             }
             catch (IOException) // its client runs
             {
@@ -116,6 +117,23 @@ namespace Mocapella.KinectV2
             return null;
         }
 
+        /// <summary>Open the file that shows that a program has the folder; throws IOException if another one does.</summary>
+        private static FileStream Held(string folder)
+        {
+            var file = new FileStream(
+                Path.Combine(folder, LockFile), FileMode.OpenOrCreate, FileAccess.ReadWrite, FileShare.None);
+            try
+            {
+                file.Lock(0, 1); // on Linux, where Mono shares the file with other processes all the same
+                return file;
+            }
+            catch (IOException)
+            {
+                file.Dispose();
+                throw;
+            }
+        }
+
         private void Load()
         {
             string mark = Path.Combine(Folder, Mark), clock = Path.Combine(Folder, ClockFile);
@@ -125,8 +143,8 @@ namespace Mocapella.KinectV2
             if (words.Length == 2) // a machine that has started again has another monotonic clock
             {
                 long began = long.Parse(words[0], CultureInfo.InvariantCulture);
-                long passed = DateTime.UtcNow.Ticks - long.Parse(words[1], CultureInfo.InvariantCulture);
-                clockShiftNs = began + passed * 100 - MonotonicClock.NowNs();
+                beganTicks = long.Parse(words[1], CultureInfo.InvariantCulture);
+                clockShiftNs = began + (DateTime.UtcNow.Ticks - beganTicks) * 100 - MonotonicClock.NowNs();
             }
             var files = Directory.GetFiles(Folder, "*" + Ending);
             Array.Sort(files, string.CompareOrdinal);
@@ -222,7 +240,7 @@ namespace Mocapella.KinectV2
                 part.Path, FileMode.Create, FileAccess.Write, FileShare.ReadWrite | FileShare.Delete);
             parts.Add(part);
             if (reserveBytes > 0)
-                while (parts.Count > 1 && FreeBytes() < reserveBytes) DropOldest();
+                while (FreeBytes() < reserveBytes && (DropOfEarlier() || parts.Count > 1 && DropOldest())) { }
             return part;
         }
 
@@ -251,10 +269,22 @@ namespace Mocapella.KinectV2
 
         private void MakeRoom(int length)
         {
-            while (parts.Count > 0 && bytes + length > mostBytes) DropOldest();
+            long used = length + bytes;
+            foreach (var spool in Earlier) used += spool.bytes;
+            if (used <= mostBytes) return;
+            if (DropOfEarlier() || parts.Count > 0 && DropOldest()) MakeRoom(length);
         }
 
-        private void DropOldest()
+        private bool DropOfEarlier()
+        {
+            foreach (var spool in Earlier)
+                lock (spool.gate)
+                    if (spool.parts.Count > 0)
+                        return spool.DropOldest();
+            return false;
+        }
+
+        private bool DropOldest()
         {
             var part = parts[0];
             long lost = Math.Max(0, part.After - Math.Max(part.First, Acknowledged));
@@ -263,9 +293,10 @@ namespace Mocapella.KinectV2
             if (parts.Contains(part)) Delete(part);
             Dropped += lost;
             if (lost > 0 && !full)
-                say("PROBLEM: the spool is full (" + mostBytes / 1048576 + " MiB, or too little free disk); "
-                    + "the oldest frames are lost, the first time " + lost);
+                say("PROBLEM: the spool is full, or the disk has too little room; the oldest frames are lost, for now "
+                    + lost + " of " + Folder);
             full = full || lost > 0;
+            return true;
         }
 
         /// <summary>Note that every frame below a number is acknowledged; delete files without others.</summary>

@@ -228,7 +228,7 @@ def test_a_full_spool_loses_the_oldest_frames_and_says_so(built: Built, tmp_path
     arguments = ("--frames", str(frames), "--spool-mib", "1")
     with client(built, tmp_path, f"127.0.0.1:{port}", *arguments, hz=1000) as program:
         wait_until("all are made", lambda: program.played >= frames)
-        wait_until("it says so", lambda: "the spool is full (1 MiB" in program.output)
+        wait_until("it says so", lambda: "the spool is full" in program.output)
         listener = Listener(port)
         with listener.socket, listener.connection() as heard:
             lost = heard.start["lost"]
@@ -242,6 +242,37 @@ def test_a_full_spool_loses_the_oldest_frames_and_says_so(built: Built, tmp_path
     assert f"{frames} frames, {lost} of them lost" in program.output
 
 
+@pytest.mark.slow
+def test_the_frames_of_earlier_runs_count_for_the_limit_and_are_lost_first(built: Built, tmp_path: Path) -> None:
+    port, arguments = free_port(), ("--spool-mib", "1", "--frames", "300")
+    for name in ("first", "second"):
+        with client(built, tmp_path, f"127.0.0.1:{port}", *arguments, name=name, hz=1000) as program:
+            wait_until("all are made", lambda program=program: program.played >= 300)  # type: ignore[misc]
+            wait_until("all are kept", lambda program=program: "no bridge" in program.output)  # type: ignore[misc]
+    assert "the spool is full" in program.output
+    assert 500_000 < sum(path.stat().st_size for path in program.spool.glob("*/*.frames")) <= 2**20
+    listener = Listener(port)
+    with listener.socket, client(built, tmp_path, listener.address, "--frames", "5") as third:
+        for lost, numbers in ((True, 300), (False, 300), (False, 5)):
+            with listener.connection() as heard:
+                assert (heard.start["lost"] > 0) is lost
+                heard.answer(f"window {WINDOW}")
+                heard.until(lambda heard=heard: heard.said)  # type: ignore[misc]
+                heard.answer(f"kept {numbers}", "ended")
+            assert heard.numbers == list(range(heard.start["first"], numbers))
+        assert third.process.wait(PATIENCE_S) == 0, third.output
+
+
+def test_a_second_client_of_the_sensor_leaves_the_first_ones_frames_alone(built: Built, tmp_path: Path) -> None:
+    nowhere = f"127.0.0.1:{free_port()}"
+    with client(built, tmp_path, nowhere, name="first") as first:
+        wait_until("the first keeps frames", lambda: first.played >= 5)
+        with client(built, tmp_path, nowhere, name="second") as second:
+            wait_until("the second keeps frames", lambda: second.played >= 5)
+            assert "earlier run" not in second.output
+
+
+@pytest.mark.slow
 def test_a_loss_behind_frames_that_the_bridge_has_is_told_at_the_next_connection(
     built: Built, tmp_path: Path, listener: Listener
 ) -> None:

@@ -25,7 +25,7 @@ from mocapella.model.observations import BodyFrame
 from mocapella.sources.bridge_messages import BridgeStart
 from mocapella.wire.node import NodeStart
 
-CALM_S: Final = 5.0
+CALM_S: Final = 10.0
 """A server that is heard for this long and asks for no frames records none that are older [s].
 
 A server asks the nodes of a take several times a second.
@@ -48,7 +48,8 @@ class RelayedSensor:
         clock_ns: the monotonic clock [ns].
 
     Attributes:
-        problem: after `end`, None until the sensor has left; then which frames are not stored, or an empty text.
+        problem: after `end`, None until the sensor has left; then why its frames are not stored, or an empty text.
+        unstored: then which frames of an open take are in a file of this machine; else empty.
 
     Raises:
         BusError, KeyFileError: as `mocapella.wire.node.NodeLink`.
@@ -63,6 +64,7 @@ class RelayedSensor:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.problem: str | None = None
+        self.unstored = ""
         self._say, self._clock_ns = say, clock_ns
         self._shift_ns = clock_ns() - start.now_ns
         self._live_from, self._acknowledged = start.next, start.first
@@ -165,8 +167,12 @@ class RelayedSensor:
         try:
             self._stack.close()
         except UnstoredFramesError as error:
-            problem = str(error)
+            problem = self.unstored = str(error)
             self._say(problem)
+        if not (problem or self._link.left):  # one that is away may have a take that needs them
+            problem = (
+                f"no server at {self._link.address} has heard the end of {self._link.node.sensor}; keep its frames"
+            )
         self.problem = problem
 
     def _vanish(self) -> None:
@@ -206,8 +212,8 @@ class Relays:
         if last is not None and not last.closed:
             last.hurry()
             raise WireError(f"the last connection of sensor {start.sensor} is being closed; connect again in a second")
-        if last is not None and last.problem:
-            self._unstored.append(last.problem)
+        if last is not None and last.unstored:
+            self._unstored.append(last.unstored)
         self._sensors[start.sensor] = RelayedSensor(self._connect, start, self._say)
         if start.lost:
             self._say(f"{start.sensor}: its program has lost {start.lost} frames before frame {start.first}")
@@ -226,7 +232,7 @@ class Relays:
         self._sensors[sensor].end()
 
     def ended(self, sensor: str) -> str | None:
-        """Return None until the sensor has left, then an empty text, or which frames are not stored."""
+        """Return None until the sensor has left, then an empty text, or why its frames are not stored."""
         return self._sensors[sensor].problem
 
     def gone(self, sensor: str) -> None:
@@ -243,4 +249,4 @@ class Relays:
             sensor.hurry()
         for sensor in self._sensors.values():
             sensor.wait()
-        return [*self._unstored, *(sensor.problem for sensor in self._sensors.values() if sensor.problem)]
+        return [*self._unstored, *(sensor.unstored for sensor in self._sensors.values() if sensor.unstored)]

@@ -70,7 +70,7 @@ class Relay(Protocol):
         ...
 
     def ended(self, sensor: str) -> str | None:
-        """Return None until the sensor has left, then an empty text, or which frames are not stored."""
+        """Return None until the sensor has left, then an empty text, or why its frames are not stored."""
         ...
 
     def gone(self, sensor: str) -> None:

@@ -104,6 +104,7 @@ class NodeLink:
         heard_s: monotonic time of the server's last query or reply; negative infinity before the first [s].
         put_off: why the server accepted no new sensor at the last `join`; empty otherwise.
         farewell_s: how long `close` waits for the next acknowledgement, until all frames of an open take have one [s].
+        left: whether a server has accepted the farewell of `close`.
         on_published: called with sequence number, encoded bytes and ``sent_ns`` of each published frame, on the
             publishing thread; None calls nothing.
 
@@ -128,6 +129,7 @@ class NodeLink:
         self._door = find_door(connect, node_users(sensor))
         self.address = self._door.locator
         self.farewell_s = FAREWELL_S
+        self.left = False
         self.on_published: Callable[[int, bytes, int], None] | None = None
         self._say = say
         self.errors = Boundary(lambda text: say(f"{sensor}: {text}"))
@@ -291,6 +293,7 @@ class NodeLink:
         while True:
             if answer is None:
                 answer = self._tell("leave", min(0.5, self.farewell_s))
+                self.left = answer is not None and answer.accepted
             recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
             if not (recording or self.outbox.holds) or self.hurry.is_set() or time.monotonic() >= deadline:
                 return
