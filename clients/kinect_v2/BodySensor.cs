@@ -87,8 +87,7 @@ namespace Mocapella.KinectV2
             }
         }
 
-        /// <summary>Return the sensor's time in nanoseconds; where its clock goes back, time goes on as it has passed here.
-        /// </summary>
+        /// <summary>Return the sensor's time [ns]; where its clock goes back, time goes on by what passed here.</summary>
         private long RisingNs(long ticks)
         {
             long now = MonotonicClock.NowNs();
@@ -102,14 +101,14 @@ namespace Mocapella.KinectV2
             return (ticks + shiftTicks) * 100;
         }
 
-        /// <summary>Set tilt and height by the floor plane a·x + b·y + c·z + d = 0, which is 0 where no floor is seen.
+        /// <summary>Set tilt and height by the floor plane a·x + b·y + c·z + d = 0; all are 0 where no floor is seen.
         /// (a, b, c) is the upward direction and d the sensor's height, so c is the sine of the tilt.</summary>
         private static void SetPose(FrameValues values, Vector4 floor)
         {
-            double length = Math.Sqrt((double)floor.X * floor.X + (double)floor.Y * floor.Y + (double)floor.Z * floor.Z);
+            double x = floor.X, y = floor.Y, z = floor.Z, length = Math.Sqrt(x * x + y * y + z * z);
             double height = floor.W / length;
             if (!(length > 0.5 && length < 2 && Math.Abs(height) <= FarthestM)) return;
-            values.TiltRad = (float)Math.Atan2(floor.Z, Math.Sqrt((double)floor.X * floor.X + (double)floor.Y * floor.Y));
+            values.TiltRad = (float)Math.Atan2(z, Math.Sqrt(x * x + y * y));
             values.HeightM = (float)height;
         }
 

@@ -36,8 +36,8 @@ namespace Mocapella.KinectV2
 
         /// <summary>Deliver a spool; return whether everything was acknowledged and the sensor has left.</summary>
         /// <param name="ending">Returns whether the spool gets no further frame.</param>
-        /// <param name="giveUp">Returns whether to end now, with frames left in the spool; it is given the number of the
-        /// first frame that is not acknowledged.</param>
+        /// <param name="giveUp">Returns whether to end now, with frames left in the spool; its argument is the number
+        /// of the first frame that is not acknowledged.</param>
         public bool Deliver(Spool spool, Func<bool> ending, Func<long, bool> giveUp)
         {
             while (!giveUp(spool.Acknowledged))
@@ -103,7 +103,7 @@ namespace Mocapella.KinectV2
                 return MonotonicClock.NowNs() / 1000000;
             }
 
-            /// <summary>Send and listen until the sensor has left; return false to connect again or to give up.</summary>
+            /// <summary>Run until the sensor has left; return false to connect again or to give up.</summary>
             public bool Run()
             {
                 sendNext = spool.First;
@@ -122,7 +122,8 @@ namespace Mocapella.KinectV2
                     }
                     if (window > 0) link.lastSaid = "";
                     if (giveUp(spool.Acknowledged)) return false;
-                    if (NowMs() - heardMs > DeadAfterMs) throw new IOException("the bridge does not answer; connecting again");
+                    if (NowMs() - heardMs > DeadAfterMs) 
+                        throw new IOException("the bridge does not answer; connecting again");
                     if (window > 0 && sendNext < spool.Next && sendNext < spool.Acknowledged + window)
                     {
                         var message = spool.Read(sendNext);
@@ -140,7 +141,8 @@ namespace Mocapella.KinectV2
                         Send(Encoding.ASCII.GetBytes("{\"say\":\"end\"}"));
                         saidEnd = true;
                     }
-                    if (NowMs() - spokenMs > HereEveryMs && !saidEnd) Send(Encoding.ASCII.GetBytes("{\"say\":\"here\"}"));
+                    if (NowMs() - spokenMs > HereEveryMs && !saidEnd)
+                        Send(Encoding.ASCII.GetBytes("{\"say\":\"here\"}"));
                     if (sendNext < spool.Next || saidEnd || ending()) Thread.Sleep(20);
                     else spool.WaitFor(sendNext, 20);
                 }
@@ -151,7 +153,8 @@ namespace Mocapella.KinectV2
             {
                 return Encoding.ASCII.GetBytes(string.Format(
                     CultureInfo.InvariantCulture,
-                    "{{\"say\":\"start\",\"sensor\":\"{0}\",\"node_id\":{1},\"first\":{2},\"lost\":{3},\"next\":{4},\"now_ns\":{5}}}",
+                    "{{\"say\":\"start\",\"sensor\":\"{0}\",\"node_id\":{1},\"first\":{2},\"lost\":{3},"
+                        + "\"next\":{4},\"now_ns\":{5}}}",
                     link.sensor, spool.NodeId, first, lost, spool.Next, spool.NowNs()));
             }
 

@@ -16,7 +16,7 @@ namespace Mocapella.KinectV2
         private bool told;
 
         /// <param name="program">The program mocapella: a name in PATH, or a path.</param>
-        /// <param name="connect">Address of the server, a pairing code or a file with one; empty for this machine.</param>
+        /// <param name="connect">Address of the server, pairing code or file with one; empty for this machine.</param>
         public BridgeProcess(string program, string host, int port, string connect, Action<string> say)
         {
             this.program = program;
@@ -35,7 +35,7 @@ namespace Mocapella.KinectV2
             var how = new ProcessStartInfo(program, arguments)
             {
                 UseShellExecute = false,
-                CreateNoWindow = true, // also: a console of its own, so that Ctrl+C does not end it before the last frame
+                CreateNoWindow = true, // and a console of its own: Ctrl+C does not end it before the last frame
                 RedirectStandardInput = true,
                 RedirectStandardError = true,
             };
@@ -50,8 +50,8 @@ namespace Mocapella.KinectV2
             {
                 process = null;
                 if (!told)
-                    say("cannot start " + program + " (" + error.Message + "); install Mocapella, or say where it is with"
-                        + " --mocapella PATH, or start it yourself: mocapella node bridge");
+                    say("cannot start " + program + " (" + error.Message + "); install Mocapella, or say where it is"
+                        + " with --mocapella PATH, or start it yourself: mocapella node bridge");
                 told = true;
             }
         }

@@ -37,8 +37,8 @@ SENSOR is a name of your choice, such as front.
             if (words.Length == 0) throw new ArgumentException("the name of the sensor is missing");
             var options = new Options { Sensor = words[0] };
             if (!Regex.IsMatch(options.Sensor, @"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\z"))
-                throw new ArgumentException("sensor name " + words[0] + " cannot be used; take 1 to 64 letters, digits, "
-                    + "'_', '-' or '.', beginning with a letter or digit");
+                throw new ArgumentException("sensor name " + words[0] + " cannot be used; take 1 to 64 letters, "
+                    + "digits, '_', '-' or '.', beginning with a letter or digit");
             for (int i = 1; i < words.Length; i += 2)
             {
                 if (i + 1 == words.Length) throw new ArgumentException(words[i] + " wants a value");
@@ -62,8 +62,10 @@ SENSOR is a name of your choice, such as front.
                 }
             }
             if (options.Spool == "")
-                options.Spool = Path.Combine(
-                    Environment.GetFolderPath(Environment.SpecialFolder.LocalApplicationData), "mocapella", "kinect_v2");
+            {
+                string data = Environment.GetFolderPath(Environment.SpecialFolder.LocalApplicationData);
+                options.Spool = Path.Combine(data, "mocapella", "kinect_v2");
+            }
             return options;
         }
 
@@ -78,20 +80,22 @@ SENSOR is a name of your choice, such as front.
 
         private static bool YesOrNo(string option, string value)
         {
-            if (value != "yes" && value != "no") throw new ArgumentException(option + " is " + value + "; it wants yes or no");
+            if (value != "yes" && value != "no")
+                throw new ArgumentException(option + " is " + value + "; it wants yes or no");
             return value == "yes";
         }
     }
 
     public static class Program
     {
-        /// <summary>How long the end waits for the next acknowledgement [ms]; the bridge waits 10 s for the server.</summary>
+        /// <summary>Wait at the end for the next acknowledgement [ms]; the bridge waits 10 s for the server.</summary>
         private const int FarewellMs = 15000;
         /// <summary>Windows ends a program whose window was closed after 5 s; the frames are on the disk.</summary>
         private const int CloseMs = 4500;
         private const int LeftTries = 5;
 
-        private static readonly ManualResetEvent stop = new ManualResetEvent(false), finished = new ManualResetEvent(false);
+        private static readonly ManualResetEvent stop = new ManualResetEvent(false);
+        private static readonly ManualResetEvent finished = new ManualResetEvent(false);
         private static CloseHandler onClose; // kept, because only native code refers to it
 
         private delegate bool CloseHandler(int kind);
@@ -151,8 +155,8 @@ SENSOR is a name of your choice, such as front.
         private static int Run(Options options)
         {
             var left = Spool.Left(options.Spool, options.Sensor, Say);
-            var spool = new Spool(
-                options.Spool, options.Sensor, RandomId(), options.SpoolMib * 1048576, options.ReserveMib * 1048576, Say);
+            long most = options.SpoolMib * 1048576, reserve = options.ReserveMib * 1048576;
+            var spool = new Spool(options.Spool, options.Sensor, RandomId(), most, reserve, Say);
             spool.Earlier.AddRange(left);
             Say(options.Sensor + ": frames wait in " + options.Spool + ", at most " + options.SpoolMib
                 + " MiB, until they are stored; then the oldest are lost (Ctrl+C ends)");
@@ -166,8 +170,9 @@ SENSOR is a name of your choice, such as front.
                 if (++made >= options.Frames) stop.Set();
             };
             int status = 0;
+            Action<bool> onAvailable = there => Say(there ? "the Kinect runs" : "the Kinect is unplugged");
             using (var process = new BridgeProcess(options.Mocapella, options.Host, options.Port, options.Connect, Say))
-            using (var sensor = new BodySensor(onFrame, there => Say(there ? "the Kinect runs" : "the Kinect is unplugged")))
+            using (var sensor = new BodySensor(onFrame, onAvailable))
             {
                 Action onNoBridge = () => { if (options.StartBridge) process.Ensure(); };
                 var link = new BridgeLink(options.Host, options.Port, options.Sensor, Say, onNoBridge);
@@ -177,7 +182,8 @@ SENSOR is a name of your choice, such as front.
                 sensor.Dispose(); // no frame comes afterwards
                 sender.Join();
                 Say(options.Sensor + ": " + spool.Next + " frames, " + link.Lost + " of them lost; the SDK did not give "
-                    + sensor.Missed + ", repeated " + sensor.Repeated + "; " + sensor.BadJoints + " joints were no numbers");
+                    + sensor.Missed + ", repeated " + sensor.Repeated + "; " + sensor.BadJoints
+                    + " joints were no numbers; its clock went back " + sensor.ClockJumps + " times");
                 if (spool.Dropped > 0) status = 1;
             }
             return status;

@@ -9,8 +9,8 @@ namespace Mocapella.KinectV2
 {
     /// <summary>The frames of one run that are not acknowledged: files of consecutive length-delimited messages.
     ///
-    /// Each frame is written before it is sent, so that it outlives this process. When the spool is full, its oldest file
-    /// is deleted, and the frames in it are lost. All methods may be called on any thread.</summary>
+    /// Each frame is written before it is sent, so that it outlives this process. When the spool is full, its oldest
+    /// file is deleted, and the frames in it are lost. All methods may be called on any thread.</summary>
     public sealed class Spool : IDisposable
     {
         private const int FramesPerFile = 600;
@@ -35,7 +35,7 @@ namespace Mocapella.KinectV2
         private long readerNext, bytes, clockShiftNs, beganTicks;
         private bool full, failing;
 
-        /// <summary>Spools of earlier runs: their frames count for the limits, too, and are lost before this one's.</summary>
+        /// <summary>Spools of earlier runs: they count for the limits, too, and are lost before this one's.</summary>
         public readonly List<Spool> Earlier = new List<Spool>();
         public readonly string Folder;
         public readonly ulong NodeId;
@@ -117,7 +117,7 @@ namespace Mocapella.KinectV2
             return null;
         }
 
-        /// <summary>Open the file that shows that a program has the folder; throws IOException if another one does.</summary>
+        /// <summary>Open the file that claims the folder for this program; IOException if another one has it.</summary>
         private static FileStream Held(string folder)
         {
             var file = new FileStream(
@@ -223,7 +223,8 @@ namespace Mocapella.KinectV2
                 {
                     if (!(error is IOException || error is UnauthorizedAccessException)) throw;
                     Dropped++;
-                    if (!failing) say("PROBLEM: frames are lost, because " + Folder + " cannot be written: " + error.Message);
+                    if (!failing)
+                        say("PROBLEM: frames are lost, because " + Folder + " cannot be written: " + error.Message);
                     failing = true;
                     Seal();
                 }

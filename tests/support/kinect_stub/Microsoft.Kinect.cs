@@ -1,7 +1,7 @@
 // A stand-in for the parts of Microsoft.Kinect that clients/kinect_v2 uses: it plays made-up bodies.
 //
-// The names are those of the SDK's public interface. The bodies are formulas of the frame's number, with all that a real
-// sensor has: six places for bodies, untracked ones, inferred joints, joints without a pixel or an orientation. Each
+// The names are those of the SDK's public interface. The bodies are formulas of the frame's number, with all that a
+// real sensor has: six places for bodies, untracked ones, inferred joints, joints without a pixel or an orientation. Each
 // frame is written to KINECT_STUB_LOG as one line of JSON, with floats as the bits of their 32-bit numbers.
 //
 //   KINECT_STUB_HZ       frames a second (30)
@@ -32,7 +32,14 @@ namespace Microsoft.Kinect
     public struct CameraSpacePoint { public float X, Y, Z; }
     public struct DepthSpacePoint { public float X, Y; }
     public struct Vector4 { public float X, Y, Z, W; }
-    public struct Joint { public JointType JointType; public CameraSpacePoint Position; public TrackingState TrackingState; }
+
+    public struct Joint
+    {
+        public JointType JointType;
+        public CameraSpacePoint Position;
+        public TrackingState TrackingState;
+    }
+
     public struct JointOrientation { public JointType JointType; public Vector4 Orientation; }
 
     public sealed class Body
@@ -235,8 +242,8 @@ namespace Microsoft.Kinect
             for (int b = 0; b < 6; b++)
             {
                 var body = frame.bodies[b];
-                line.Append((b > 0 ? ", " : "") + "{\"tracked\": " + (body.IsTracked ? 1 : 0) + ", \"id\": " + body.TrackingId
-                    + ", \"edges\": " + (int)body.ClippedEdges + ", \"joints\": [");
+                line.Append((b > 0 ? ", " : "") + "{\"tracked\": " + (body.IsTracked ? 1 : 0));
+                line.Append(", \"id\": " + body.TrackingId + ", \"edges\": " + (int)body.ClippedEdges + ", \"joints\": [");
                 for (int j = 0; j < 25; j++)
                 {
                     var joint = body.joints[(JointType)j];

@@ -6,7 +6,8 @@ public static class Vectors
 {
     public static int Main(string[] words)
     {
-        var frame = words[0] == "frame_skeleton" ? Skeleton() : words[0] == "frame_everything" ? Everything() : Nobody();
+        var frame = words[0] == "frame_skeleton" ? Skeleton()
+            : words[0] == "frame_everything" ? Everything() : Nobody();
         var message = BodyMessage.Encode(frame);
         if (words.Length > 1) message = BodyMessage.Delimited(message);
         using (var output = Console.OpenStandardOutput()) output.Write(message, 0, message.Length);
@@ -29,7 +30,8 @@ public static class Vectors
             body.ClippedEdges = (byte)(b == 0 ? 0 : 9);
             for (int j = 0; j < 25; j++)
             {
-                body.States[j] = j % 8 == 7 ? BodyValues.NotTracked : j % 8 == 3 ? BodyValues.Inferred : BodyValues.Tracked;
+                body.States[j] = j % 8 == 7 ? BodyValues.NotTracked
+                    : j % 8 == 3 ? BodyValues.Inferred : BodyValues.Tracked;
                 if (body.States[j] == BodyValues.NotTracked) continue;
                 body.PositionsM[3 * j] = (j - 12) / 16f + 2 * b - 1;
                 body.PositionsM[3 * j + 1] = (12 - j) / 8f;
