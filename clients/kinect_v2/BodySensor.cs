@@ -87,7 +87,7 @@ namespace Mocapella.KinectV2
             }
         }
 
-        /// <summary>Return the sensor's time [ns]; where its clock goes back, time goes on by what passed here.</summary>
+        /// <summary>Return the sensor's time [ns]; where its clock goes back, the time goes on.</summary>
         private long RisingNs(long ticks)
         {
             long now = MonotonicClock.NowNs();
@@ -101,7 +101,7 @@ namespace Mocapella.KinectV2
             return (ticks + shiftTicks) * 100;
         }
 
-        /// <summary>Set tilt and height by the floor plane a·x + b·y + c·z + d = 0; all are 0 where no floor is seen.
+        /// <summary>Set tilt and height by the floor plane a·x + b·y + c·z + d = 0, all 0 where none is seen.
         /// (a, b, c) is the upward direction and d the sensor's height, so c is the sine of the tilt.</summary>
         private static void SetPose(FrameValues values, Vector4 floor)
         {

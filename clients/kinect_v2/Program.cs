@@ -181,8 +181,8 @@ SENSOR is a name of your choice, such as front.
                 stop.WaitOne();
                 sensor.Dispose(); // no frame comes afterwards
                 sender.Join();
-                Say(options.Sensor + ": " + spool.Next + " frames, " + link.Lost + " of them lost; the SDK did not give "
-                    + sensor.Missed + ", repeated " + sensor.Repeated + "; " + sensor.BadJoints
+                Say(options.Sensor + ": " + spool.Next + " frames, " + link.Lost + " of them lost; the SDK did not "
+                    + "give " + sensor.Missed + ", repeated " + sensor.Repeated + "; " + sensor.BadJoints
                     + " joints were no numbers; its clock went back " + sensor.ClockJumps + " times");
                 if (spool.Dropped > 0) status = 1;
             }

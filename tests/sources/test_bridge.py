@@ -363,6 +363,9 @@ def test_a_program_that_asks_hears_how_far_its_frames_are_stored_and_when_it_has
         client.sendall(said(say="end"))
         kept.stored, kept.problem = 5, ""
         assert lines(client, 2) == ["kept 5", "ended"]
+        client.settimeout(0.3)
+        with pytest.raises(TimeoutError):  # it is said once
+            client.recv(1)
         client.close()
         kept.changed.clear()
         assert kept.left or kept.changed.wait(PATIENCE_S)

@@ -108,6 +108,8 @@ class _Connection:
     """The sensor whose frames are acknowledged, if the program has asked for it."""
     ending: bool = False
     """Whether the program has said that it sends no further frame."""
+    left: bool = False
+    """Whether the program was told that its sensor has left."""
     told: int = -1
     """The last acknowledgement that was written."""
     unsent: bytes = b""
@@ -307,8 +309,8 @@ class Bridge:
             return
         if number > connection.told and not connection.unsent:
             connection.unsent, connection.told = f"kept {number}\n".encode(), number
-        if connection.ending and problem == "" and not connection.unsent.endswith(b"ended\n"):
-            connection.unsent += b"ended\n"
+        if connection.ending and problem == "" and not connection.left:
+            connection.unsent, connection.left = connection.unsent + b"ended\n", True
         with contextlib.suppress(OSError):  # it reads nothing now, or is gone, which the next read notices
             connection.unsent = connection.unsent[connection.socket.send(connection.unsent) :]
 

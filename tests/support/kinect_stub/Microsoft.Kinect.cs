@@ -1,8 +1,8 @@
 // A stand-in for the parts of Microsoft.Kinect that clients/kinect_v2 uses: it plays made-up bodies.
 //
 // The names are those of the SDK's public interface. The bodies are formulas of the frame's number, with all that a
-// real sensor has: six places for bodies, untracked ones, inferred joints, joints without a pixel or an orientation. Each
-// frame is written to KINECT_STUB_LOG as one line of JSON, with floats as the bits of their 32-bit numbers.
+// real sensor has: six places for bodies, untracked ones, inferred joints, joints without a pixel or an orientation.
+// Each frame is written to KINECT_STUB_LOG as one line of JSON, with floats as the bits of their 32-bit numbers.
 //
 //   KINECT_STUB_HZ       frames a second (30)
 //   KINECT_STUB_FRAMES   number of frames, then none come (no limit)
@@ -243,7 +243,8 @@ namespace Microsoft.Kinect
             {
                 var body = frame.bodies[b];
                 line.Append((b > 0 ? ", " : "") + "{\"tracked\": " + (body.IsTracked ? 1 : 0));
-                line.Append(", \"id\": " + body.TrackingId + ", \"edges\": " + (int)body.ClippedEdges + ", \"joints\": [");
+                line.Append(", \"id\": " + body.TrackingId + ", \"edges\": " + (int)body.ClippedEdges);
+                line.Append(", \"joints\": [");
                 for (int j = 0; j < 25; j++)
                 {
                     var joint = body.joints[(JointType)j];
