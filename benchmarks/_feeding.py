@@ -27,8 +27,8 @@ from mocapella.errors import MocapellaError
 SEED: Final = 23
 MOST_BYTES: Final = 256 << 20
 MOST_SECONDS: Final = 5.0
-HANGS_S: Final = 120.0
-"""A process in which no Python has run for so long is ended [s]."""
+HANGS_S: Final = 600.0
+"""A process in which no Python has run for so long is ended: it hangs, and not only waits for a processor [s]."""
 _TICK_S: Final = 1.0
 _NO_MEMORY: Final = -4
 """OpenCV's code of an allocation that failed, ``StsNoMem``."""

@@ -3,12 +3,13 @@
 The server is the real one, with its threads, its tracker and its recorder, in this process; only the bus is replaced by
 a stand-in that hands over frames and answers for the nodes. Several short takes begin and end, then one long one. The
 reader of the stand-in decodes the newest scene and status twenty times a second, as the view does. ``--inputs N`` asks
-for N frames. The full run writes its takes to the folder of temporary files, and needs some ten GB there.
+for N frames. Takes are written to the folder of temporary files, one at a time. Each look at the process is printed.
 """
 
 from __future__ import annotations
 
 import itertools
+import sys
 import tempfile
 import threading
 import time
@@ -37,7 +38,7 @@ PEOPLE: Final = 1
 FRAMES: Final = 24 * 3600 * 30 * SENSORS
 QUICK: Final = 60_000
 SHORT_TAKES: Final = 5
-LONG_SHARE: Final = 0.7
+LONG_SHARE: Final = 0.4
 """Share of the frames in the long take."""
 SAMPLES: Final = 50
 """Looks at the process, evenly over the run; the first fifth is not part of a slope."""
@@ -168,18 +169,22 @@ def run(quick: bool = False, inputs: int | None = None) -> list[Row]:
         )
         reader = Reader(bus)
         try:
-            looks, wrong = _load(server, bus, Path(folder), frames)
+            looks, wrong, size = _load(server, bus, Path(folder), frames)
         finally:
             reader.close()
             server.close()
-    return rows_of(looks, wrong, bus, reader.read, time.perf_counter() - began)
+    return rows_of(looks, wrong, bus, reader.read, size=size, seconds=time.perf_counter() - began)
 
 
-def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tuple[int, ...]], int]:
-    """Hand over all frames; return the looks at the process, and how many frames were wrong in the takes."""
+def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tuple[int, ...]], int, int]:
+    """Hand over all frames.
+
+    Returns:
+        The looks at the process, how many frames were wrong in the takes, and the size of the long take [bytes].
+    """
     rounds = frames // SENSORS
     long = round(LONG_SHARE * rounds)
-    short = (rounds - long) // (SHORT_TAKES + 1)
+    short = (rounds - long) // (2 * SHORT_TAKES + 1)
     for _ in range(600):  # until the sensors are calibrated, and everything is loaded
         bus.send_round()
     bus.wait()
@@ -190,9 +195,9 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
         for number in range(count):
             bus.send_round()
             if number % every == 0:
-                looks.append(
-                    (sum(bus.sent.values()), process.memory_info().rss, process.num_fds(), threading.active_count())
-                )
+                look = (sum(bus.sent.values()), process.memory_info().rss, process.num_fds(), threading.active_count())
+                looks.append(look)
+                print(f"{look[0]:,} frames, {look[1] >> 20} MiB, {look[2]} descriptors", file=sys.stderr)
         bus.wait()
 
     for number in range(SHORT_TAKES + 1):
@@ -202,9 +207,10 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
         before = sum(bus.sent.values())
         send(short if number < SHORT_TAKES else long)
         wrong += check_take(bus.command("record-stop"), path, sum(bus.sent.values()) - before)
+        size = path.stat().st_size
         path.unlink()
     send(SENSORS)
-    return looks, wrong
+    return looks, wrong, size
 
 
 def check_take(reply: CommandReply, path: Path, sent: int) -> int:
@@ -216,7 +222,7 @@ def check_take(reply: CommandReply, path: Path, sent: int) -> int:
     )
 
 
-def rows_of(looks: list[tuple[int, ...]], wrong: int, bus: Bus, read: int, seconds: float) -> list[Row]:
+def rows_of(looks: list[tuple[int, ...]], wrong: int, bus: Bus, read: int, *, size: int, seconds: float) -> list[Row]:
     """Return the rows of a run.
 
     Args:
@@ -224,6 +230,7 @@ def rows_of(looks: list[tuple[int, ...]], wrong: int, bus: Bus, read: int, secon
         wrong: number of frames that takes lack, or have too much.
         bus: of the run.
         read: number of scenes that the reader has read.
+        size: of the long take [bytes].
         seconds: duration of the run.
     """
     frames = sum(bus.sent.values())
@@ -238,5 +245,6 @@ def rows_of(looks: list[tuple[int, ...]], wrong: int, bus: Bus, read: int, secon
         measured("soak: memory, per million frames", slope, "MiB", goal=goal),
         measured("soak: file descriptors gained", kept[-1, 2] - kept[0, 2], "", goal=at_most(0)),
         measured("soak: threads gained", kept[-1, 3] - kept[0, 3], "", goal=at_most(0)),
+        measured("soak: size of the long take", size / 1e9, "GB"),
         measured("soak: scenes read by a reader", read, "scenes"),
     ]
