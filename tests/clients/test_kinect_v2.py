@@ -334,6 +334,17 @@ def test_a_wrong_command_line_is_named(built: Built, words: list[str], said: str
     assert "usage: kinect_v2 SENSOR" in done.stderr
 
 
+def test_the_documentation_has_the_limits_of_the_program(built: Built) -> None:
+    usage = subprocess.run(["mono", built.client], check=False, timeout=60, capture_output=True, text=True).stderr
+    text = " ".join((ROOT / "docs" / "sensors.md").read_text(encoding="utf-8").split())
+    assert "largest size of these (1024)" in usage
+    assert "free disk space to leave (1024)" in usage
+    assert "They have at most 1024 MiB (`--spool-mib`), and leave as much of the disk free (`--reserve-mib`)" in text
+    for option in ("--connect", "--bridge", "--start-bridge", "--spool", "--spool-mib", "--reserve-mib"):
+        assert f"  {option} " in usage
+        assert option in text
+
+
 def test_it_is_written_for_the_compiler_that_windows_has() -> None:
     script = (SOURCE / "build.cmd").read_bytes()
     assert script.count(b"\n") == script.count(b"\r\n")  # as cmd wants
