@@ -84,9 +84,10 @@ def _messages() -> list[Door]:
     from mocapella.model.observations import BodyFrame
     from mocapella.schema import decode_frame, decode_scene, decode_truth
     from mocapella.schema.body_frames import decode_body_frame
-    from mocapella.schema.delimited import DelimitedReader
+    from mocapella.schema.delimited import DelimitedReader, delimited
     from mocapella.schema.marker_datagrams import decode_marker_datagram
     from mocapella.sources import osc
+    from mocapella.sources.bridge_messages import read_message
     from mocapella.wire import keys
 
     vectors = {path.stem: path.read_bytes() for path in sorted(VECTORS.glob("*.bin"))}
@@ -94,18 +95,19 @@ def _messages() -> list[Door]:
     frames = [data for name, data in vectors.items() if not name.startswith(others)]
     skeletons = [data for data in frames if isinstance(decode_frame(data), BodyFrame)]
     pose = osc.encode("/mocapella/pose", "wand", 0.1, 1.2, 0.3, 0.0, 0.0, 0.0, 1.0)
+    start = delimited(b'{"say":"start","sensor":"front","node_id":9,"first":3,"lost":1,"next":4,"now_ns":5}')
     tracker = osc.encode("/tracking/trackers/1/position", 0.1, 1.2, 0.3)
 
     def stream(data: bytes) -> None:
         for message in DelimitedReader().feed(data):
-            decode_frame(message)
+            read_message(message)
 
     return [
         of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),
         of_bytes("skeletons", skeletons, decode_body_frame, MUTATIONS, 0.2),
         of_bytes("scenes", _starting(vectors, "scene_"), decode_scene, MUTATIONS),
         of_bytes("truths", _starting(vectors, "truth_"), decode_truth, MUTATIONS),
-        of_bytes("bridge stream", _starting(vectors, "stream_"), stream, MUTATIONS),
+        of_bytes("bridge stream", [*_starting(vectors, "stream_"), start], stream, MUTATIONS),
         of_bytes(
             "marker datagrams", [b"1.5,2.5;3,4", b"#7,1000;1.5,2.5;,"],
             lambda data: decode_marker_datagram(data, ("red", "blue"), (640, 480)), TEXT,

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
 from mocapella.live.camera_service import CameraServiceSettings
+from mocapella.live.relaying import CALM_S
 from mocapella.live.session import Session
+from mocapella.model.frame_types import HISTORY_FRAMES
 from mocapella.model.session import Setup
 from mocapella.model.topology import topology, topology_names
 from mocapella.schema import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES, SCHEMA_VERSION
-from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.arms import MAX_ARMS, MAX_REASON
 from mocapella.schema.checks import MAX_NAME
 from mocapella.schema.depth import MAX_DEPTH_PX, MAX_DEPTH_SIDE_PX, UNITS_M
 from mocapella.schema.marker_datagrams import MAX_DATAGRAM_BYTES, MAX_MARKERS, DatagramProblem
 from mocapella.sources.bridge import BridgeSettings
+from mocapella.sources.bridge_messages import BridgeStart, read_message
 from mocapella.sources.datagram_settings import DatagramSettings
 from mocapella.wire import keys
 from mocapella.wire.questions import MAX_ANSWER_BYTES, MAX_QUESTION_BYTES, Question
@@ -86,16 +89,20 @@ def test_every_vector_is_listed() -> None:
         assert f"| `{path.stem}` |" in TEXT
 
 
-def test_the_program_in_csharp_fills_fields_that_there_are() -> None:
-    begin = TEXT.index("new Mocapella.BodyFrame")
-    assigned = {
-        line.split("=")[0].strip()
-        for line in TEXT[begin : TEXT.index("WriteDelimitedTo(stream)")].splitlines()
-        if " = " in line
-    }
-    there_are = {"".join(part.title() for part in field.name.split("_")) for field in pb.BodyFrame.DESCRIPTOR.fields}
-    assert len(assigned) > 10
-    assert assigned <= there_are
+def test_what_it_says_of_acknowledgements_is_so() -> None:
+    section = TEXT[TEXT.index("### Acknowledgements") : TEXT.index("### In C\n")]
+    example = next(line.strip() for line in section.splitlines() if line.startswith('    {"say"'))
+    start = read_message(example.encode())
+    assert isinstance(start, BridgeStart)
+    assert start.node_id == 0x0123456789ABCDEF  # of the test vectors
+    assert set(json.loads(example)) == {"say", *BridgeStart.__struct_fields__}
+    for field in BridgeStart.__struct_fields__:
+        assert f"`{field}`" in section
+    assert f"`window {HISTORY_FRAMES}`" in section
+    assert f"was heard for {CALM_S:g} s" in section
+    for message in ('{"say": "here"}', '{"say": "end"}'):
+        assert f"`{message}`" in section
+        read_message(message.encode())
 
 
 def test_what_it_says_of_datagrams_is_so() -> None:

@@ -389,6 +389,16 @@ def test_a_place_that_is_told_is_used_at_once_and_soon_put_right() -> None:
     assert wrong_by(calibration.state, a, b)[0] < 0.01
 
 
+@pytest.mark.parametrize("names", [("a", "b"), ("b", "a")])
+def test_the_first_sensor_of_a_layout_is_the_root_whoever_is_heard_first(names: tuple[str, str]) -> None:
+    calibration = PeopleCalibration()
+    calibration.start_from({name: {"a": FRONT, "b": SIDE}[name] for name in names})
+    for sensors in (two(), two()[::-1]):
+        state = walks(calibration, sensors, ONE, 3)
+        assert tuple(state.sensors) == names
+        assert {sensor.root for sensor in state.sensors.values()} == {names[0]}
+
+
 def test_a_layout_goes_on_where_it_was_saved() -> None:
     a, b = two()
     calibration = PeopleCalibration()

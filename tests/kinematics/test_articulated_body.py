@@ -124,6 +124,19 @@ def test_somebody_who_stands_still_becomes_steadier_than_what_is_seen() -> None:
     assert restless[0] < 0.3 * restless[1]
 
 
+def test_hands_that_flicker_are_steadier_the_later_arms_follow() -> None:
+    rng, at_s = np.random.default_rng(3), np.arange(150) / 30
+    seen = standing() + rng.normal(0, 0.002, (150, 25, 3))
+    hands = [KINECT.index(name) for name in ("HandLeft", "HandTipLeft", "HandRight", "HandTipRight")]
+    seen[:, hands] += rng.normal(0, 0.03, (150, 4, 3))
+    restless = []
+    for surprise in (0.1, 1.0):
+        body = ArticulatedBody(KINECT, ArticulatedSettings(full_surprise=0.1, arm_surprise=surprise))
+        found = np.stack([e.positions for e in follow(body, at_s, seen)])[60:]
+        restless.append(np.sqrt((np.diff(found[:, hands], 2, axis=0) ** 2).sum(-1).mean()))
+    assert restless[1] < 0.8 * restless[0]
+
+
 def test_more_noise_of_motion_is_less_late_and_less_steady() -> None:
     rng, at_s = np.random.default_rng(2), np.arange(60) / 30
     truth = np.stack([standing() + np.array((0.3 * np.sin(6 * t), 0, 0)) for t in at_s])
@@ -336,7 +349,8 @@ def test_angles_have_names_and_a_topology_without_a_model_is_refused() -> None:
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("root_acceleration", 0.0), ("root_turn", -1.0), ("trunk_turn", 0.0), ("limb_turn", np.inf), ("hand_turn", 0.0),
+        ("root_acceleration", 0.0), ("root_turn", -1.0), ("trunk_turn", 0.0), ("arm_turn", np.inf), ("leg_turn", 0.0),
+        ("hand_turn", 0.0), ("arm_surprise", 0.0),
         ("velocity_memory_s", 0.0), ("surprise_s", 0.0), ("length_memory_s", 0.0), ("full_surprise", 0.0),
         ("calm", 2.0), ("rest_sd", 0.0), ("degrees_of_freedom", 0.0), ("stand_diffusion", 0.0), ("stand_speed", 0.0),
         ("least_joints", 3), ("lost_m", 0.0), ("lost_s", -1.0), ("forget_after_s", -1.0),

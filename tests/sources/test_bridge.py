@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -12,11 +13,12 @@ import numpy as np
 import pytest
 from support.messages import plain_frame
 
-from mocapella.errors import AddressInUseError, BusError, NameTakenError, SettingsError
+from mocapella.errors import AddressInUseError, BusError, MocapellaError, NameTakenError, SettingsError, WireError
 from mocapella.model.observations import BodyFrame
 from mocapella.schema import encode_frame
 from mocapella.schema.delimited import delimited
 from mocapella.sources.bridge import Bridge, BridgeSettings
+from mocapella.sources.bridge_messages import BridgeEnd, BridgeHere, BridgeStart, read_message
 
 PATIENCE_S = 20.0
 """How long a test waits for what must come; nothing waits this long when all is well."""
@@ -281,3 +283,152 @@ def test_settings_out_of_range_are_refused(field: str, value: int) -> None:
 def test_no_patience_at_all_is_refused(field: str) -> None:
     with pytest.raises(SettingsError, match=f"{field} is 0.0; it must be above 0 s"):
         BridgeSettings(**{field: 0.0})  # type: ignore[arg-type]
+
+
+class Kept:
+    """In place of the part that serves sensors with acknowledgements: everything is kept, and a test says how far."""
+
+    def __init__(self) -> None:
+        self.starts: list[BridgeStart] = []
+        self.frames: list[int] = []
+        self.ends: list[str] = []
+        self.left: list[str] = []
+        self.stored = 0
+        self.problem: str | None = None
+        self.refusal: MocapellaError | None = None
+        self.changed = threading.Event()
+
+    def start(self, start: BridgeStart) -> int:
+        if start.sensor == "closing":
+            raise WireError("is being closed; connect again in a second")
+        self.starts.append(start)
+        return 50
+
+    def frame(self, frame: BodyFrame) -> None:
+        self.frames.append(frame.sequence)
+        self.changed.set()
+
+    def acknowledged(self, sensor: str) -> int:
+        if self.refusal is not None:
+            raise self.refusal
+        return self.stored
+
+    def end(self, sensor: str) -> None:
+        self.ends.append(sensor)
+
+    def ended(self, sensor: str) -> str | None:
+        return self.problem
+
+    def gone(self, sensor: str) -> None:
+        self.left.append(sensor)
+        self.changed.set()
+
+
+@contextmanager
+def relaying(kept: Kept) -> Iterator[Bridge]:
+    heard = Heard()
+    with Bridge(heard.on_frame, BridgeSettings(port=0), heard.on_gone, relay=kept) as running:
+        yield running
+
+
+def said(**fields: object) -> bytes:
+    return delimited(json.dumps(fields).encode())
+
+
+def begin(sensor: str = "front", **changed: object) -> bytes:
+    fields = {"node_id": 9, "first": 0, "lost": 0, "next": 0, "now_ns": 5}
+    return said(say="start", sensor=sensor, **{**fields, **changed})
+
+
+def lines(client: socket.socket, count: int) -> list[str]:
+    """Read so many lines of the bridge."""
+    heard = b""
+    while heard.count(b"\n") < count:
+        piece = client.recv(1)
+        assert piece, heard
+        heard += piece
+    return heard.decode().splitlines()
+
+
+def test_a_program_that_asks_hears_how_far_its_frames_are_stored_and_when_it_has_left() -> None:
+    kept = Kept()
+    with relaying(kept) as running, connected(running) as client:
+        client.sendall(begin(first=3, lost=2, next=7))
+        assert lines(client, 2) == ["window 50", "kept 0"]
+        client.sendall(packet(sequence=3) + packet(sequence=4))
+        kept.stored = 4
+        assert lines(client, 1) == ["kept 4"]
+        client.sendall(said(say="here"))
+        assert lines(client, 1) == ["kept 4"]
+        client.sendall(said(say="end"))
+        kept.stored, kept.problem = 5, ""
+        assert lines(client, 2) == ["kept 5", "ended"]
+        client.settimeout(0.3)
+        with pytest.raises(TimeoutError):  # it is said once
+            client.recv(1)
+        client.close()
+        kept.changed.clear()
+        assert kept.left or kept.changed.wait(PATIENCE_S)
+        assert running.report.frames == 2
+    assert kept.starts == [BridgeStart("front", 9, 3, 2, 7, 5)]
+    assert (kept.frames, kept.ends, kept.left) == ([3, 4], ["front"], ["front"])
+
+
+def test_frames_that_no_server_has_stored_at_the_end_are_said() -> None:
+    kept = Kept()
+    kept.problem = "front: 3 frames are not stored by the server"
+    with relaying(kept) as running, connected(running) as client:
+        client.sendall(begin() + said(say="end"))
+        assert answer(client).endswith("front: 3 frames are not stored by the server\n")
+
+
+def test_a_name_that_is_refused_is_said_without_a_frame() -> None:
+    kept = Kept()
+    with relaying(kept) as running, connected(running) as client:
+        client.sendall(begin())
+        assert lines(client, 2) == ["window 50", "kept 0"]
+        kept.refusal = NameTakenError("another node serves front")
+        assert answer(client) == "another node serves front\n"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (begin("closing"), "is being closed; connect again"),
+        (begin("other"), "sensor other is served by 127.0.0.1:"),
+        (begin() + begin(), "sensor front is served by 127.0.0.1:"),
+        (begin() + begin("side"), "start comes once in a connection, before any frame"),
+        (packet() + begin("side"), "start comes once in a connection, before any frame"),
+        (said(say="end"), "the first message about acknowledgements is start"),
+        (begin() + packet("side"), "a frame of side/0000000000000009 came after the start of front/0000000000000009"),
+        (begin() + packet(node_id=8), "a frame of front/0000000000000008 came after the start of"),
+        (begin() + said(say="end") + packet(), "a frame came after the message end"),
+        (begin(lost=1), "start has first 0, lost 1 and next 0; lost is at most first, and next at least"),
+        (begin(first=2), "start has first 2, lost 0 and next 0"),
+        (begin("no such/name"), "sensor name 'no such/name' cannot be used"),
+        (begin(node_id=0), "`$.node_id`"),
+        (said(say="stop"), "Invalid value 'stop' - at `$.say`"),
+        (delimited(b"{"), "is no message about acknowledgements"),
+    ],
+)
+def test_what_is_wrong_about_acknowledgements_ends_its_own_connection(wrong: bytes, why: str) -> None:
+    kept = Kept()
+    with relaying(kept) as running, connected(running) as good, connected(running) as bad:
+        good.sendall(begin("other"))
+        assert lines(good, 1) == ["window 50"]
+        bad.sendall(wrong)
+        assert why in answer(bad)
+        good.sendall(packet("other", 1))
+        assert kept.changed.wait(PATIENCE_S)
+        assert running.report.refused == 1
+
+
+def test_a_bridge_that_acknowledges_nothing_says_so() -> None:
+    with bridge(Heard()) as running, connected(running) as client:
+        client.sendall(begin())
+        assert answer(client) == "this bridge acknowledges no frames\n"
+
+
+def test_the_other_messages_are_read_as_what_they_are() -> None:
+    assert read_message(b'{"say": "end"}') == BridgeEnd()
+    assert read_message(b'{"say": "here"}') == BridgeHere()

@@ -444,6 +444,32 @@ def test_frames_that_are_dropped_while_they_are_sent_end_the_answer() -> None:
     assert list(asked) == []
 
 
+def test_a_node_that_goes_on_with_earlier_numbers_has_none_of_their_frames() -> None:
+    outbox = Outbox(10, first=100, lost=6)
+    assert (outbox.next, outbox.oldest, outbox.frame(99)) == (100, 100, None)
+    for k in range(100, 103):
+        outbox.add(b"%d" % k, k)
+    assert outbox.frame(100) == b"100"
+    later, before = FrameRequest("later", None, 200 - 101), FrameRequest("before", None, 200 - 90)
+    assert outbox.update(before, 200).first == 94  # it has the lost ones, too: they count as lost
+    assert outbox.update(later, 200).first == 101
+    assert outbox.oldest == 100
+    outbox.release("later")
+    outbox.release("before")
+    for k in range(103, 120):
+        outbox.add(b"%d" % k, k)
+    assert outbox.update(FrameRequest("forgotten", None, 200 - 90), 200).first == 94
+
+
+def test_frames_that_were_lost_before_the_first_spilled_ones_belong_to_a_take_that_began_before() -> None:
+    outbox = Outbox(10, Shelf(), first=100, lost=6)
+    outbox.update(FrameRequest("open", 100), 0)
+    for k in range(100, 105):
+        outbox.add(b"%d" % k, k)
+    assert outbox.spill()
+    assert outbox.update(FrameRequest("before", None, 200 - 90), 200).first == 94
+
+
 def test_an_empty_outbox_has_nothing_to_drop() -> None:
     outbox = filled(0)
     outbox.drop_oldest()

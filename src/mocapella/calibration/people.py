@@ -12,7 +12,7 @@ of which each frame does no more than `WORK_A_FRAME`: frames alone decide, no cl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, Final
 
@@ -309,7 +309,15 @@ class PeopleCalibration(PairsFromPeople):
         )
 
     def _draw_graph(self) -> None:
-        self._graph = components_of(sorted(self._tracks), self._edges, self._placed)
+        self._graph = components_of(self._in_order(self._tracks), self._edges, self._placed)
+
+    def _in_order(self, sensors: Iterable[str]) -> list[str]:
+        """Return the names in an order that does not depend on arrivals: as in the layout, then by name.
+
+        The first of a component is its root. So the sensor that a layout begins with stays where the layout has it.
+        """
+        rank = {name: i for i, name in enumerate(self.layout.sensors)} if self.layout else {}
+        return sorted(sensors, key=lambda name: (rank.get(name, len(rank)), name))
 
     def _refine_poses(self) -> None:
         """Take one step of the refinement of one component; the next one is a step of its own."""
@@ -322,7 +330,7 @@ class PeopleCalibration(PairsFromPeople):
 
     def _choose(self) -> None:
         """Accept the poses, and choose the pairs that frames update from now on."""
-        placed = self._placed = placed_by(self._graph, sorted(self._tracks))
+        placed = self._placed = placed_by(self._graph, self._in_order(self._tracks))
         self._graph = []
         for sensor in [s for s in self._moved if any(s in key and pair.trusted for key, pair in self._pairs.items())]:
             del self._moved[sensor]
@@ -354,7 +362,9 @@ class PeopleCalibration(PairsFromPeople):
         placed = {sensor: PlacedSensor(np.eye(4), np.zeros((6, 6)), TimeOffset(0.0, 0.0, True), sensor, True)}
         T, _ = self._world(sensor, placed)
         sensors = {**self.state.sensors, **self._sensors(placed, {sensor: T}, self._conditions_of(placed))}
-        self.state = msgspec.structs.replace(self.state, sensors={name: sensors[name] for name in sorted(sensors)})
+        self.state = msgspec.structs.replace(
+            self.state, sensors={name: sensors[name] for name in self._in_order(sensors)}
+        )
 
     def _begin_from_others(self, placed: Mapping[str, PlacedSensor]) -> None:
         """Initialise pairs without an estimate from other pairs' poses, instead of trying hypotheses."""

@@ -35,8 +35,10 @@ class ArticulatedSettings:
             [rad²/s³].
         trunk_turn: density of the white angular acceleration of a joint of the trunk; larger: less lag, more jitter
             [rad²/s³].
-        limb_turn: density of the white angular acceleration of a joint of an arm or a leg; larger: less lag, more
-            jitter [rad²/s³].
+        arm_turn: density of the white angular acceleration of a joint of an arm; larger: less lag, more jitter
+            [rad²/s³].
+        leg_turn: density of the white angular acceleration of a joint of a leg; larger: less lag, more jitter
+            [rad²/s³].
         hand_turn: density of the white angular acceleration of a joint of a hand; larger: less lag, more jitter
             [rad²/s³].
         velocity_memory_s: time constant of the exponential decay of predicted velocities; larger: the motion is
@@ -45,6 +47,7 @@ class ArticulatedSettings:
             innovations to the expected ones; larger: the densities rise and fall later [s].
         full_surprise: surprise above which the densities hold in full; below it they fall with its third power; larger:
             slow motion has less jitter and more lag [ratio].
+        arm_surprise: the same for the joints of arms and hands, whose measurements flicker most [ratio].
         calm: smallest factor of the densities, for a body at rest; smaller: less jitter at rest, later to follow when
             it moves [ratio].
         noise_s: time constant over which each joint's noise is learnt [s].
@@ -74,11 +77,13 @@ class ArticulatedSettings:
     root_acceleration: float = 30.0
     root_turn: float = 80.0
     trunk_turn: float = 80.0
-    limb_turn: float = 400.0
-    hand_turn: float = 800.0
+    arm_turn: float = 400.0
+    leg_turn: float = 400.0
+    hand_turn: float = 300.0
     velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
-    full_surprise: float = 0.1
+    full_surprise: float = 0.17
+    arm_surprise: float = 0.6
     calm: float = 1e-3
     noise_s: float = 0.3
     rest_sd: float = 1.0
@@ -94,11 +99,12 @@ class ArticulatedSettings:
     forget_after_s: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("root_acceleration", "root_turn", "trunk_turn", "limb_turn", "hand_turn"):
+        for name in ("root_acceleration", "root_turn", "trunk_turn", "arm_turn", "leg_turn", "hand_turn"):
             check(0 < getattr(self, name) < 1e9, name, getattr(self, name), "above 0")
         for name in ("velocity_memory_s", "surprise_s", "noise_s", "length_memory_s", "scale_s"):
             check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0 s")
-        check(0 < self.full_surprise < 1e6, "full_surprise", self.full_surprise, "above 0")
+        for name in ("full_surprise", "arm_surprise"):
+            check(0 < getattr(self, name) < 1e6, name, getattr(self, name), "above 0")
         check(0 < self.calm <= 1, "calm", self.calm, "above 0, at most 1")
         check(0 < self.rest_sd < 1e6, "rest_sd", self.rest_sd, "above 0 rad·√s")
         check(self.degrees_of_freedom > 0, "degrees_of_freedom", self.degrees_of_freedom, "above 0")
@@ -130,7 +136,6 @@ class BodyParameters(NamedTuple):
     lost_s: float
     forget_after_s: float
     surprise_s: float
-    full_surprise: float
     calm: float
     stand_diffusion: float
     stand_speed: float
@@ -163,8 +168,9 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         settings: the settings.
         layout: counts, and the layout of a body's memory.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
-        dof_values: (dofs, 5) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
-            limit of its predicted variance [m² or rad²]. Ball joints' limits are in ``joint_values``.
+        dof_values: (dofs, 6) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
+            limit of its predicted variance [m² or rad²], and surprise above which the density holds in full [ratio].
+            Ball joints' limits are in ``joint_values``.
         joint_table: (joints, 6) indices of parent joint and first degree of freedom, number of degrees of freedom, and
             indices of ball joint, bone length and contact; −1 for none.
         joint_values: (joints, 13) unit direction of the bone at rest (3), its length as a fraction of stature, axis of
@@ -218,8 +224,9 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     values[root, 4:10] = 0.0, 0.0, 1.0, np.pi, -np.pi, np.pi
     kinds = [TRANSLATION + k for k in range(3)] + [OF_BALL + k for k in range(3)]
     density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
-    rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0)] * 3
-    rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0)] * 3
+    surprise = dict.fromkeys(MOTIONS, settings.full_surprise) | dict.fromkeys(("arm", "hand"), settings.arm_surprise)
+    rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0, settings.full_surprise)] * 3
+    rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0, settings.full_surprise)] * 3
     table[root, :4] = -1, 0, ROOT_DOFS, 0
     table[list(body.contacts), 5] = range(len(body.contacts))
     balls, lengths = 1, 0
@@ -230,17 +237,17 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
         values[child, 11:13] = bone.misfit_m**2, bone.firm
         values[child, :4] = *(np.array(bone.offset) / length), length
         first = len(kinds)
-        q = density[bone.motion]
+        q, full = density[bone.motion], surprise[bone.motion]
         if bone.ball is not None:
             values[child, 4:7] = np.array(bone.ball.centre) / np.linalg.norm(bone.ball.centre)
             values[child, 7:10] = np.radians((bone.ball.cone_deg, *bone.ball.twist_deg))
             kinds += [OF_BALL + k for k in range(3)]
-            rows += [(-np.inf, np.inf, 0.0, q, 1.0)] * 3
+            rows += [(-np.inf, np.inf, 0.0, q, 1.0, full)] * 3
             table[child, 3], balls = balls, balls + 1
         for hinge in bone.hinges:
             kinds.append(ABOUT + AXES.index(hinge.axis))
             least, most = np.radians(hinge.limits_deg)
-            rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4)))
+            rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4), full))
         other = tree.mirror[child]
         if table[other, 4] >= 0:
             table[child, 4] = table[other, 4]

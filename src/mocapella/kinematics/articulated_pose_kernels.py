@@ -27,6 +27,8 @@ SURE = 0.2
 """Largest standard deviation of an angle that counts as well measured [rad]."""
 CALMING = 3
 """Exponent of the surprise in the factor of the densities of acceleration, see `ArticulatedSettings`."""
+WAKING = math.radians(0.5)
+"""Average angle that its limits hold a joint back in a frame, from which on its densities hold in full [rad]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,15 +58,16 @@ def advance(model: BodyArrays, row: Float64, at_s: float) -> None:
     else:
         qp, qv = dt * dt * dt / 3.0, dt
     qc = 0.5 * f * f
-    scale = min(max((row[at.RESTLESS] / parameters.full_surprise) ** CALMING, parameters.calm), 1.0)
-    for i in range(layout.dofs):
-        q = dof_values[i, 3] * scale
-        p, c, v = row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i]
-        p = min(p + 2.0 * f * c + f * f * v + q * qp, dof_values[i, 4])
-        c = e * (c + f * v) + q * qc
-        v = e * e * v + q * qv
-        c = min(c, math.sqrt(p * v))
-        row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i] = p, c, v
+    for j in range(layout.joints):
+        least = max(parameters.calm, row[layout.demands + j] / WAKING)
+        for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
+            q = dof_values[i, 3] * min(max((row[at.RESTLESS] / dof_values[i, 5]) ** CALMING, least), 1.0)
+            p, c, v = row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i]
+            p = min(p + 2.0 * f * c + f * f * v + q * qp, dof_values[i, 4])
+            c = e * (c + f * v) + q * qc
+            v = e * e * v + q * qv
+            c = min(c, math.sqrt(p * v))
+            row[layout.variance + i], row[layout.covariance + i], row[layout.speed_variance + i] = p, c, v
     R = np.empty(9)
     for j in range(layout.joints):
         slack = row[layout.slack + j]
@@ -102,7 +105,7 @@ def away_from_rest(layout: MemoryLayout, dof_values: Float64, joint_table: Int64
     For a ball joint, it is approximated by the sine of the angle times the rotation axis.
 
     Args:
-        layout, dof_values, joint_table: layout of a memory, (dofs, 5) and (joints, 6) of `ArticulatedModel`.
+        layout, dof_values, joint_table: layout of a memory, (dofs, 6) and (joints, 6) of `ArticulatedModel`.
         row: (memory_size,) a body's memory.
         out: (dofs,) written.
     """

@@ -17,7 +17,7 @@ from mocapella.model.topology import Topology, topology
 from mocapella.settings import check, parse
 
 AXES: Final = "xyz"
-MOTIONS: Final = ("trunk", "limb", "hand")
+MOTIONS: Final = ("trunk", "arm", "leg", "hand")
 _MIRROR_SIGN: Final = {"x": 1.0, "y": -1.0, "z": -1.0}
 """Sign of an angle about an axis when left and right are exchanged."""
 
@@ -82,7 +82,7 @@ class Bone:
 
     Attributes:
         offset: (3,) vector from the parent joint to the bone's end in the rest pose, as a fraction of stature.
-        motion: group of its joint, one of `MOTIONS`; ``limb`` takes the acceleration density ``limb_turn``.
+        motion: group of its joint, one of `MOTIONS`; ``arm`` takes the acceleration density ``arm_turn``.
         misfit_m: standard deviation of a sensor's joint at the bone's end from the model's, apart from noise [m].
         hinges: revolute joints from the parent outwards.
         ball: a ball joint, instead of hinges; None without one. Without either, the bone is fixed to its parent.

@@ -11,6 +11,7 @@ from typing import Any
 from mocapella.errors import UnstoredFramesError
 from mocapella.live.node import Membership
 from mocapella.live.node_disk import open_link
+from mocapella.live.relaying import Relays
 from mocapella.model.observations import BodyFrame
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.sources.bridge import Bridge, BridgeSettings
@@ -98,7 +99,8 @@ def run_bridge(
             left.close()
             unstored.extend(filter(None, [left.unstored]))
 
-    bridge = Bridge(on_frame, settings, on_disconnect, say)
+    relays = Relays(connect, say)
+    bridge = Bridge(on_frame, settings, on_disconnect, say, relays)
     bridge.start()
     host, port = bridge.address
     say(f"bridge: listening at {host}:{port} for length-delimited BodyFrames (Ctrl-C ends)")
@@ -108,6 +110,7 @@ def run_bridge(
         bridge.stop()
         for sensor in list(serving):
             on_disconnect(sensor)
+        unstored.extend(relays.close())
     if unstored:
         raise UnstoredFramesError(unstored[-1])
     return asdict(bridge.report)

@@ -19,7 +19,7 @@ from mocapella.recording.spool import SPOOL_FOLDER, DiskSpool, SpoolLimits
 from mocapella.recording.take import TakeInfo, new_take_id
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.wire.keys import NodeKey
-from mocapella.wire.node import FAREWELL_S, NodeLink
+from mocapella.wire.node import FAREWELL_S, NodeLink, NodeStart
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ def open_link(
     *,
     history_frames: int = HISTORY_FRAMES,
     say: Callable[[str], None] = lambda text: None,
+    start: NodeStart | None = None,
 ) -> Iterator[NodeLink]:
     """Open a node's link to the bus, with its spool, and record its frames if wanted, within this context.
 
@@ -57,6 +58,7 @@ def open_link(
         disk: what to write; None for the spool only.
         history_frames: number of frames to keep in memory.
         say: receives messages about frames that are not stored.
+        start: identity of the node, if another program numbers its frames; None takes a random id.
 
     Raises:
         BusError, KeyFileError: as `NodeLink`.
@@ -72,6 +74,7 @@ def open_link(
             history_frames=history_frames,
             spool=lambda node: DiskSpool(disk.spool, node.sensor, node.node_id, limits),
             say=say,
+            start=start,
         )
         link.farewell_s = disk.farewell_s
         stack.enter_context(link)

@@ -2,7 +2,8 @@
 
 A program connects and writes length-delimited `BodyFrame` messages (`docs/wire.md`). Every message is validated. The
 first invalid one ends the connection, with one line of text sent back that states the reason; other connections are not
-affected.
+affected. A program that asks for acknowledgements (`mocapella.sources.bridge_messages`) learns which frames it need not
+keep.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from functools import partial
 
 from mocapella.errors import MocapellaError, WireError
 from mocapella.model.observations import BodyFrame
-from mocapella.schema import MAX_MESSAGE_BYTES, decode_frame
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.schema import MAX_MESSAGE_BYTES
 from mocapella.schema.delimited import DelimitedReader
 from mocapella.settings import check
 from mocapella.sources.bound_socket import bound_socket
+from mocapella.sources.bridge_messages import BridgeEnd, BridgeStart, Relay, read_message
 from mocapella.supervision import Boundary, printable
 
 OnFrame = Callable[[str, BodyFrame, bytes], None]
@@ -101,6 +104,16 @@ class _Connection:
     """When the incomplete message began to arrive."""
     newest: dict[str, BodyFrame] = field(default_factory=dict)
     """The last frame of each of this connection's sensors."""
+    relayed: BridgeStart | None = None
+    """The sensor whose frames are acknowledged, if the program has asked for it."""
+    ending: bool = False
+    """Whether the program has said that it sends no further frame."""
+    left: bool = False
+    """Whether the program was told that its sensor has left."""
+    told: int = -1
+    """The last acknowledgement that was written."""
+    unsent: bytes = b""
+    """Rest of a line that the program has not read yet."""
 
 
 class Bridge:
@@ -116,6 +129,7 @@ class Bridge:
         settings: address and limits.
         on_gone: called for each sensor of a connection that ended.
         say: receives unexpected errors.
+        relay: serves the sensors of programs that ask for acknowledgements; None refuses such programs.
     """
 
     def __init__(
@@ -124,9 +138,10 @@ class Bridge:
         settings: BridgeSettings | None = None,
         on_gone: OnGone | None = None,
         say: Callable[[str], None] = lambda text: None,
+        relay: Relay | None = None,
     ) -> None:
         self._settings = settings or BridgeSettings()
-        self._on_frame, self._on_gone = on_frame, on_gone
+        self._on_frame, self._on_gone, self._relay = on_frame, on_gone, relay
         self._connections: set[_Connection] = set()
         self._owners: dict[str, _Connection] = {}
         self._report = BridgeReport()
@@ -186,6 +201,8 @@ class Bridge:
                             problem = "an unexpected error of the bridge"
                             self._errors.run("refusal", partial(self._refuse, key.data, selector, problem))
                     self._errors.run("timeout", partial(self._end_the_slow, selector))
+                    for connection in [one for one in self._connections if one.relayed is not None]:
+                        self._errors.run("acknowledgement", partial(self._acknowledge, connection, selector))
             finally:
                 for connection in list(self._connections):
                     self._close(connection, selector)
@@ -229,7 +246,12 @@ class Bridge:
             connection.begun_s = time.monotonic()
 
     def _take(self, connection: _Connection, message: bytes) -> None:
-        frame = decode_frame(message)
+        received = read_message(message)
+        if connection.relayed is not None or not isinstance(received, SensorFrame):
+            self._take_relayed(connection, received)
+            connection.last_message_s, connection.begun_s = time.monotonic(), None
+            return
+        frame: BodyFrame = received  # type: ignore[assignment]  # the fields of every type are enough
         owner = self._owners.get(frame.sensor, connection)
         if owner is not connection:
             raise WireError(f"sensor {frame.sensor} is served by {owner.peer} already; choose another name")
@@ -241,6 +263,56 @@ class Bridge:
         self._on_frame(frame.sensor, frame, message)
         connection.last_message_s, connection.begun_s = time.monotonic(), None
         self._count(frames=self._report.frames + 1)
+
+    def _take_relayed(self, connection: _Connection, received: object) -> None:
+        """Take a message of a connection with acknowledgements."""
+        if self._relay is None:
+            raise WireError("this bridge acknowledges no frames")
+        if isinstance(received, BridgeStart):
+            self._begin_relay(connection, self._relay, received)
+        elif connection.relayed is None:
+            raise WireError("the first message about acknowledgements is start, before any frame")
+        elif isinstance(received, BridgeEnd):
+            connection.ending = True
+            self._relay.end(connection.relayed.sensor)
+        elif isinstance(received, SensorFrame):
+            _check_relayed(received, connection)
+            self._relay.frame(received)  # type: ignore[arg-type]  # as above
+            self._count(frames=self._report.frames + 1)
+        else:
+            connection.told = -1  # it is there, and wants to hear that the bridge is, too
+
+    def _begin_relay(self, connection: _Connection, relay: Relay, start: BridgeStart) -> None:
+        owner = self._owners.get(start.sensor)
+        if owner is not None:
+            raise WireError(f"sensor {start.sensor} is served by {owner.peer} already; choose another name")
+        if connection.newest or connection.relayed is not None:
+            raise WireError("start comes once in a connection, before any frame")
+        window = relay.start(start)
+        connection.relayed = start
+        self._owners[start.sensor] = connection
+        connection.unsent += f"window {window}\n".encode()
+
+    def _acknowledge(self, connection: _Connection, selector: selectors.BaseSelector) -> None:
+        """Write how far the frames of a connection are acknowledged, or that its sensor has left."""
+        assert connection.relayed is not None
+        assert self._relay is not None
+        sensor = connection.relayed.sensor
+        try:
+            problem = self._relay.ended(sensor)
+            number = self._relay.acknowledged(sensor)
+        except MocapellaError as error:
+            self._refuse(connection, selector, str(error))
+            return
+        if connection.ending and problem:
+            self._refuse(connection, selector, problem)
+            return
+        if number > connection.told and not connection.unsent:
+            connection.unsent, connection.told = f"kept {number}\n".encode(), number
+        if connection.ending and problem == "" and not connection.left:
+            connection.unsent, connection.left = connection.unsent + b"ended\n", True
+        with contextlib.suppress(OSError):  # it reads nothing now, or is gone, which the next read notices
+            connection.unsent = connection.unsent[connection.socket.send(connection.unsent) :]
 
     def _end_the_slow(self, selector: selectors.BaseSelector) -> None:
         now, limits = time.monotonic(), self._settings
@@ -272,6 +344,9 @@ class Bridge:
         connection.socket.close()
         self._connections.discard(connection)
         self._count(connections=len(self._connections))
+        if connection.relayed is not None and self._relay is not None:
+            del self._owners[connection.relayed.sensor]
+            self._relay.gone(connection.relayed.sensor)
         for sensor in connection.newest:
             del self._owners[sensor]
             if self._on_gone is not None:
@@ -279,6 +354,23 @@ class Bridge:
 
     def _count(self, **changed: int | str) -> None:
         self._report = replace(self._report, **changed)  # type: ignore[arg-type]  # counts are int, the problem is str
+
+
+def _check_relayed(frame: SensorFrame, connection: _Connection) -> None:
+    """Refuse a frame of another sensor or run than the connection's, or after its end.
+
+    Raises:
+        WireError: names the field, or the end.
+    """
+    assert connection.relayed is not None
+    start = connection.relayed
+    if connection.ending:
+        raise WireError("a frame came after the message end")
+    if (frame.sensor, frame.node_id) != (start.sensor, start.node_id):
+        raise WireError(
+            f"a frame of {frame.sensor}/{frame.node_id:016x} came after the start of "
+            f"{start.sensor}/{start.node_id:016x}; open a connection for each"
+        )
 
 
 def _check_order(frame: BodyFrame, last: BodyFrame | None) -> None:

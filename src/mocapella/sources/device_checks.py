@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from mocapella.sources.depth_cameras import CAMERAS, camera_class
 from mocapella.sources.k4a_libraries import find_libraries, missing
 from mocapella.sources.source import Finding
+
+KINECT_SDK: Final = "KINECTSDK20_DIR"
+"""Environment variable that the installer of the Kinect for Windows SDK 2.0 sets to its folder."""
 
 
 def depth_cameras() -> Iterator[Finding]:
@@ -40,6 +45,19 @@ def azure_kinect() -> Iterator[Finding]:
             yield Finding(what, "note", found, f"it {library.problem}")
         else:
             yield Finding(what, "ok", found)
+
+
+def kinect_v2() -> Iterator[Finding]:
+    """Yield one finding: whether the SDK of a Kinect v2 is installed, for the client in ``clients/kinect_v2``."""
+    what, sdk = "Kinect v2 SDK:", os.environ.get(KINECT_SDK, "")
+    library = Path(sdk) / "Assemblies" / "Microsoft.Kinect.dll"
+    if sdk and library.is_file():
+        yield Finding(what, "ok", str(library))
+    elif sdk:
+        yield Finding(what, "note", f"{library} is missing", "install the Kinect for Windows SDK 2.0 again")
+    else:
+        advice = "only if you have one: Kinect for Windows SDK 2.0, on Windows; docs/sensors.md has the steps"
+        yield Finding(what, "note", "not installed", advice)
 
 
 def cameras() -> Iterator[Finding]:

@@ -26,6 +26,7 @@ BRIDGE: Final = Source(
     summary="Sensors of programs without zenoh (C, C#, …): length-delimited frames over TCP.",
     frame_types=(),
     command="mocapella.cli.node:bridge",
+    looks="mocapella.sources.device_checks:kinect_v2",
 )
 DATAGRAMS: Final = Source(
     interface=1,

@@ -49,6 +49,21 @@ def new_node_id() -> int:
 
 
 @dataclass(frozen=True)
+class NodeStart:
+    """Identity and first number of a node whose frames another program numbers and keeps.
+
+    Attributes:
+        node_id: the node's id.
+        first: number of the first frame that is published; earlier ones were published before.
+        lost: number of frames directly before ``first`` that the program has lost.
+    """
+
+    node_id: int
+    first: int = 0
+    lost: int = 0
+
+
+@dataclass(frozen=True)
 class JoinReply:
     """The server's answer to a node that asks to serve a sensor, or that leaves.
 
@@ -78,9 +93,10 @@ class NodeLink:
         spool: function of the attribute ``node`` that returns the node's spool, for frames of an open take that do not
             fit into memory; None drops them.
         say: receives messages about frames that are not stored.
+        start: identity of the node, if another program numbers its frames (`relay`); None takes a random id.
 
     Attributes:
-        node: the sensor's name and the random id of this node.
+        node: the sensor's name and the id of this node.
         address: address of the server, as zenoh takes it.
         outbox: the frames that are kept for a recording server.
         hurry: while it is set, `close` waits for no acknowledgement; may be replaced.
@@ -88,6 +104,7 @@ class NodeLink:
         heard_s: monotonic time of the server's last query or reply; negative infinity before the first [s].
         put_off: why the server accepted no new sensor at the last `join`; empty otherwise.
         farewell_s: how long `close` waits for the next acknowledgement, until all frames of an open take have one [s].
+        left: whether a server has accepted the farewell of `close`.
         on_published: called with sequence number, encoded bytes and ``sent_ns`` of each published frame, on the
             publishing thread; None calls nothing.
 
@@ -105,11 +122,14 @@ class NodeLink:
         history_frames: int = HISTORY_FRAMES,
         spool: Callable[[keys.NodeKey], Spool] | None = None,
         say: Callable[[str], None] = lambda text: None,
+        start: NodeStart | None = None,
     ):
-        self.node = keys.NodeKey(sensor, new_node_id())
+        start = start or NodeStart(new_node_id())
+        self.node = keys.NodeKey(sensor, start.node_id)
         self._door = find_door(connect, node_users(sensor))
         self.address = self._door.locator
         self.farewell_s = FAREWELL_S
+        self.left = False
         self.on_published: Callable[[int, bytes, int], None] | None = None
         self._say = say
         self.errors = Boundary(lambda text: say(f"{sensor}: {text}"))
@@ -117,12 +137,13 @@ class NodeLink:
         self.put_off = ""
         self.hurry = threading.Event()
         place = None if spool is None else spool(self.node)
-        self.outbox = Outbox(history_frames, place)
+        self.outbox = Outbox(history_frames, place, first=start.first, lost=start.lost)
         self._server_since_ns: int | None = None
         self._spooler = Spooler(
             self.outbox, place, lambda text: say(f"{sensor}: {text}"), lambda: self._server_since_ns
         )
         self._ended = threading.Event()
+        self._detached = False
         self._session = open_node_at(self._door)
         self._live = self._session.declare_publisher(
             keys.of_node("live", self.node),
@@ -142,7 +163,7 @@ class NodeLink:
 
     @property
     def published(self) -> int:
-        """Number of published frames."""
+        """Number of published frames, or of a relayed node the number of the next frame."""
         return self.outbox.next
 
     def publish(self, frame: SensorFrame, truth: Truth | None = None) -> SensorFrame:
@@ -158,15 +179,26 @@ class NodeLink:
             sequence=self.published,
             sent_ns=time.monotonic_ns(),
         )
-        data = encode_frame(stamped)
-        self.outbox.add(data, stamped.sent_ns)
-        self._live.put(data)
-        if self.on_published is not None:
-            self.on_published(stamped.sequence, data, stamped.sent_ns)
+        self._publish(stamped, live=True)
         if truth is not None:
             stamped_truth = msgspec.structs.replace(truth, sensor=self.node.sensor, sequence=stamped.sequence)
             self._truth.put(encode_truth(stamped_truth))
         return stamped
+
+    def relay(self, frame: SensorFrame, *, live: bool) -> None:
+        """Keep a frame of another program in ``outbox`` as it is; publish it, too, if ``live``.
+
+        Its number must be `published`, its node id that of ``node``, and its ``sent_ns`` on this process's clock.
+        """
+        self._publish(frame, live=live)
+
+    def _publish(self, frame: SensorFrame, *, live: bool) -> None:
+        data = encode_frame(frame)
+        self.outbox.add(data, frame.sent_ns)
+        if live:
+            self._live.put(data)
+        if self.on_published is not None:
+            self.on_published(frame.sequence, data, frame.sent_ns)
 
     def answer(self, on_question: OnQuestion) -> None:
         """Pass the queries that arrive for this node to a function from now on.
@@ -226,6 +258,8 @@ class NodeLink:
         Raises:
             UnstoredFramesError: frames of an open take are not acknowledged; names the files that keep them.
         """
+        if self._detached:
+            return
         try:
             self._ended.clear()
             self.outbox.leave()
@@ -241,6 +275,17 @@ class NodeLink:
                 + (where if kept else "they are lost")
             )
 
+    def detach(self) -> None:
+        """Leave the bus at once, without a farewell, and keep no frame: the program that keeps them will come back.
+
+        A take's server calls the end of the node unknown until then. `close` does nothing afterwards.
+        """
+        self._detached = True
+        self._session.close()  # type: ignore[no-untyped-call]
+        for take in self.outbox.holds:
+            self.outbox.release(take)
+        self._spooler.close()
+
     def _say_farewell(self) -> None:
         """Wait for the acknowledgement of the last frame, if a take is open; a server may come back meanwhile."""
         deadline, stored = time.monotonic() + self.farewell_s, self._stored()
@@ -248,6 +293,7 @@ class NodeLink:
         while True:
             if answer is None:
                 answer = self._tell("leave", min(0.5, self.farewell_s))
+                self.left = answer is not None and answer.accepted
             recording = answer is not None and answer.accepted and answer.recording and not self._ended.is_set()
             if not (recording or self.outbox.holds) or self.hurry.is_set() or time.monotonic() >= deadline:
                 return

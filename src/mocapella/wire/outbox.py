@@ -93,18 +93,21 @@ class Outbox:
     Args:
         most: number of frames to keep in memory; up to twice as many while a take needs them.
         store: keeps frames of an open take that do not fit into memory; None drops them.
+        first: number of the first frame that will be added: above 0 for a node that goes on with earlier numbers.
+        lost: number of frames directly before ``first`` that the node has lost. Takes that began before count them.
 
     Attributes:
         dropped: number of frames that a take needed, and that are no longer available.
     """
 
-    def __init__(self, most: int, store: Store | None = None) -> None:
+    def __init__(self, most: int, store: Store | None = None, *, first: int = 0, lost: int = 0) -> None:
         self.dropped = 0
         self._most, self._store = most, store
         self._lock = threading.RLock()
         self._spilled: deque[_Spilled] = deque()
         self._memory: deque[_Sent] = deque()
-        self._next = 0
+        self._first, self._begin = first, first - lost
+        self._next = first
         self._forgotten_ns = -1
         self._holds: dict[str, Hold] = {}
         self._leaving = False
@@ -336,11 +339,12 @@ class Outbox:
         self._store.remove(part.first)
 
     def _since(self, began_ns: int) -> int:
-        """Return the number of the first frame sent since a time; 0 if such frames are no longer available."""
+        """Return the number of the first frame sent since a time, or of the first lost one directly before it.
+
+        If such frames are no longer available, it is the node's first number.
+        """
         if self._forgotten_ns >= began_ns:
-            return 0
-        for part in self._spilled:
-            if part.last_sent_ns >= began_ns:
-                return part.first
+            return self._begin
         later = sum(1 for sent in self._memory if sent.sent_ns >= began_ns)
-        return self._next - later
+        since = next((part.first for part in self._spilled if part.last_sent_ns >= began_ns), self._next - later)
+        return self._begin if since == self._first else since
