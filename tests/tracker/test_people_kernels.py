@@ -177,7 +177,7 @@ def test_a_person_is_as_rigid_as_the_least_rigid_view_in_use(
 
 def test_the_memory_of_an_older_version_is_taken() -> None:
     memory = People(PeopleSettings(), KINECT_V2).memory.resized([], 2, 3)
-    newer = {"view_rigidity", "unsure_s", "measured_s"}
+    newer = {"view_rigidity", "view_unlike", "unsure_s", "measured_s"}
     older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name not in newer})
     older.check(2, 3, len(KINECT_V2), memory.body.shape[1])
     np.testing.assert_array_equal(older.view_rigidity[..., 0], np.ones((2, 3)))  # 0 would make measurements exact

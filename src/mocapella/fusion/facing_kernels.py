@@ -58,6 +58,8 @@ LABELS_TRUE = 0.51
 A view's labels are nearly the same evidence in every frame: they decide where nothing else does, and hardly weigh
 against a facing that was known before the posture.
 """
+_BENT = 4.0
+"""Factor of the unlikeness of a view, up to 1, to say whether the person is bent: trunks that bow have 0.2 to 0.3."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -69,17 +71,19 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
-def view_worth(yaw: float, toward: float, reported: float) -> float:
-    """Return a view's weight in the fusion, 0 to 1: cos²α · cos⁴β; 0 where an angle is NaN, or β is beyond ±90°.
+def view_worth(yaw: float, toward: float, reported: float, unlike: float) -> float:
+    """Return a view's weight in the fusion, 0 to 1: cos⁴β / (3 − 2 cos α); 0 where an angle is NaN, or β beyond ±90°.
 
-    A sensor that looks along the shoulders only guesses the far one. α is the angle between the person's ``yaw`` and
-    the yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels. All are in one
-    frame [rad].
+    The errors of a Kinect's joints grow as the person turns away. α is the angle between the person's ``yaw`` and the
+    yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels; all are in one
+    frame [rad]. A sensor that looks along the shoulders of a bent person guesses left and right: the more ``unlike``
+    the training data the view is, from 0 to 1, the more its weight is cos²α · cos⁴β instead.
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
         return 0.0
-    worth: float = np.cos(toward - yaw) ** 2 * max(0.0, off) ** 4
+    ahead, bent = np.cos(toward - yaw), min(1.0, _BENT * unlike)
+    worth: float = (bent * ahead * ahead + (1.0 - bent) / (3.0 - 2.0 * ahead)) * max(0.0, off) ** 4
     return worth
 
 

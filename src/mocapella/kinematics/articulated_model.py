@@ -83,7 +83,7 @@ class ArticulatedSettings:
     velocity_memory_s: float = 0.1
     surprise_s: float = 0.1
     full_surprise: float = 0.17
-    arm_surprise: float = 0.6
+    arm_surprise: float = 0.8
     calm: float = 1e-3
     noise_s: float = 0.3
     rest_sd: float = 1.0

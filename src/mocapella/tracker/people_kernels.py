@@ -312,7 +312,8 @@ def views_in_use(
         used[count] = c
         value = 1.0
         if np.isfinite(yaw):
-            value = max(parameters.least_worth, view_worth(yaw, views.toward[row, c], views.reported[row, c]))
+            worth = view_worth(yaw, views.toward[row, c], views.reported[row, c], views.unlike[row, c])
+            value = max(parameters.least_worth, worth)
         for j in range(len(layout.mirror)):
             m = layout.mirror[j] if views.mirrored[row, c] else j
             for k in range(3):

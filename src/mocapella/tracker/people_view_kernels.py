@@ -257,6 +257,7 @@ def turn_views(
             views.turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
         yaw[r] = facing.yaw[b]
         views.toward[r, column], views.reported[r, column] = facing.toward[b], own_yaw
+        views.unlike[r, column] = facing.unlike[b]
 
 
 @njit(cache=True)
