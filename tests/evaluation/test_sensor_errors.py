@@ -150,6 +150,7 @@ def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.M
     share = [0.0, 0.0, both, second, 0.0, 0.0, 0.0, 0.0, neither, first, 0.0, 0.0]
     found = as_simulated(labels_swapped_from_behind(share), seeds=(0,))
     assert found["90"]["mirrored_better_percent"] == pytest.approx(100 * (first + second), abs=2)
+    assert found["90"]["stationary_jitter_mm"] < 1
 
 
 def test_a_folder_without_somebody_in_all_three_tasks_is_refused(tmp_path: Path) -> None:

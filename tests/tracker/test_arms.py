@@ -327,11 +327,12 @@ def test_recalibrating_places_the_cameras_anew() -> None:
     for arrival in run(5.0, {"a": one("a"), "b": one("b")}):
         scene = tracker.update(arrival)
     assert scene.state.phase is Phase.TRACKING
+    assert tracker.report.calibrations == 1  # of b; what is found of it later is no other one
     tracker.recalibrate("asked for")
     for arrival in run(1.0, {"a": one("a"), "b": one("b")}, begin_s=6.0):
         scene = tracker.update(arrival)
     assert scene.state.phase is Phase.CALIBRATING
-    assert tracker.report.restarts == 1
+    assert (tracker.report.calibrations, tracker.report.restarts) == (1, 1)
 
 
 def test_places_that_were_found_can_be_kept_and_used_again() -> None:
