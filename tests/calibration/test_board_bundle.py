@@ -17,6 +17,7 @@ from mocapella.calibration.board_bundle import (
     _normal_equations,
     _Problem,
     _residual,
+    _sigma,
 )
 from mocapella.calibration.board_bundle import LENS as LENS_PART
 from mocapella.geometry.twists import exp_twist
@@ -82,3 +83,13 @@ def test_the_right_sides_are_half_the_descent_of_the_cost_along_what_is_free_and
         else:
             descent = (cost(unknown, -1e-6) - cost(unknown, 1e-6)) / 2e-6
             assert right == pytest.approx(descent / 2, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("unknowns", [0, 300, 600])
+def test_the_noise_is_found_however_much_of_it_the_unknowns_absorb(unknowns: int) -> None:
+    """The residuals of a linear fit lack the part of the noise that lies in the space of its unknowns."""
+    rng, coordinates, sd_px = np.random.default_rng(unknowns), 1200, 0.7
+    noise = rng.normal(0, sd_px, coordinates)
+    space, _ = np.linalg.qr(rng.normal(size=(coordinates, unknowns)))
+    residual = noise - space @ (space.T @ noise)
+    assert _sigma(residual.reshape(-1, 2), unknowns / coordinates) == pytest.approx(sd_px, rel=0.15)

@@ -71,6 +71,14 @@ def test_a_board_that_holds_still_is_of_one_instant_however_the_cameras_are_trig
     assert "the board moved 0.0 px meanwhile" in report.words()
 
 
+@pytest.mark.parametrize(("least_px", "moved_px", "kept"), [(0, 0, 2), (10, 10, 2), (10, 9.999, 1), (10, -9.999, 1)])
+def test_a_round_counts_if_the_board_has_moved_as_much_as_is_asked(least_px: int, moved_px: float, kept: int) -> None:
+    run = BoardRun(BOARD, ["a", "b"], settings=BoardRunSettings(least_moved=least_px / SIZE[0]))
+    for k in range(2):
+        run.add(looks(float(k), moved_px * k, a=0.0, b=0.0))
+    assert run.report.kept == kept
+
+
 def test_a_board_that_never_holds_still_serves_the_lenses_only_and_that_is_said() -> None:
     run = BoardRun(BOARD, ["a", "b"])
     for k in range(LATELY + 1):

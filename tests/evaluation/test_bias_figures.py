@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,15 @@ from support.programs import result_here, run_here
 from support.reference_methods import Method
 
 from mocapella.errors import InputError
+from mocapella.evaluation import bias_sessions as sessions_module
 from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, make_tracker
 from mocapella.evaluation.fused_metrics import facing_yaw
 from mocapella.evaluation.kinectmultitrack import AsRun
+from mocapella.evaluation.study_pairs import StudySession
 from mocapella.fusion.joint_bias import TERMS, JointBiasModel, LeftOut, read_model, symmetric
 from mocapella.geometry.angles import wrap
+from mocapella.model.session import SCENARIOS
+from mocapella.model.study_log import StudyLog
 from mocapella.recording.study_log import write_study_log
 
 
@@ -82,6 +87,35 @@ def test_what_is_learnt_from_is_the_two_views_in_one_order_with_facings() -> Non
     sight = np.arctan2(-views.position[..., 0], -views.position[..., 2])
     alone = wrap(facing_yaw(views.positions) - sight)
     assert np.abs(wrap(alone - views.facing))[known].max() < 0.15
+
+
+def rows_of(log: StudyLog, kept: Any) -> StudyLog:
+    rows = {name: getattr(log, name)[kept] for name in log.__struct_fields__ if name != "source"}
+    return msgspec.structs.replace(log, **rows)
+
+
+def only_one_sensor(log: StudyLog) -> StudyLog:
+    return rows_of(log, log.kinect_id == log.kinect_id[0])
+
+
+def two_people(log: StudyLog) -> StudyLog:
+    return msgspec.structs.replace(log, person_id=(np.arange(len(log)) >= len(log) // 2).astype(np.int64))
+
+
+def no_walk(log: StudyLog) -> StudyLog:
+    return rows_of(log, log.scenario_id != SCENARIOS["walk"])
+
+
+@pytest.mark.parametrize("change", [only_one_sensor, two_people, no_walk])
+def test_nothing_is_learnt_from_a_log_without_two_views_of_one_person_who_walks(
+    change: Callable[[StudyLog], StudyLog], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(*_: object) -> None:
+        raise AssertionError("it is tracked")
+
+    study = StudySession(change(log_of(frames=60)))
+    monkeypatch.setattr(sessions_module, "AsRun", run)
+    assert bias_session(study) is None
 
 
 class Taught(Method):

@@ -11,15 +11,18 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mocapella.calibration.people_state import CalibratedSensor
 from mocapella.errors import SettingsError
 from mocapella.evaluation.calibration_in_place import (
     EXERCISES,
     InPlaceResult,
     PoseError,
+    _error,
     in_place_room,
     normalised_error,
     run_in_place,
 )
+from mocapella.geometry.twists import exp_twist
 from mocapella.tracker.default import DefaultTracker
 
 SESSIONS = [("stand", 60.0, 1), ("squat", 30.0, 0), ("sit", 60.0, 2), ("wave", 90.0, 3), ("bend", 30.0, 1)]
@@ -60,3 +63,18 @@ def test_the_normalised_error_is_the_root_mean_square() -> None:
     errors = [PoseError(1.0, 0.0, 0.0, 0.0, 0.0, normalised) for normalised in (0.6, 0.8)]
     assert normalised_error(errors) == pytest.approx(np.sqrt(0.5))
     assert math.isnan(normalised_error([]))
+
+
+def test_errors_that_are_as_large_as_stated_are_1_on_average() -> None:
+    rng = np.random.default_rng(0)
+    a = CalibratedSensor("a", np.eye(4), np.zeros((6, 6)), "a", None, True, "", "")
+    root = rng.normal(0, 0.01, (6, 6))
+    T_true = exp_twist(rng.normal(size=6))
+    errors = []
+    for _ in range(400):
+        found = exp_twist(root @ rng.normal(size=6)) @ T_true
+        b = CalibratedSensor("b", found, root @ root.T, "a", None, True, "", "")
+        errors.append(_error(1.0, a, b, T_true, np.array([0.0, 1.0, 2.5])))
+    assert normalised_error(errors) == pytest.approx(1.0, rel=0.1)
+    for name in ("position_normalised", "rotation_normalised"):
+        assert np.sqrt(np.mean([getattr(error, name) ** 2 for error in errors])) == pytest.approx(1.0, rel=0.1)

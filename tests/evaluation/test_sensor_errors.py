@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from support.evaluation_sessions import body as standing
 from support.evaluation_sessions import log_of
 
 from mocapella.association.proportions import SD_M
@@ -23,7 +24,8 @@ from mocapella.evaluation.sensor_error_fit import (
     knot_autocorrelation,
     unexplained,
 )
-from mocapella.evaluation.sensor_errors import as_simulated, measure, told_apart
+from mocapella.evaluation.sensor_errors import _statement, as_simulated, measure, told_apart
+from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_log import write_study_log
 from mocapella.sources.simulate import scene_settings
 from mocapella.sources.simulate.body import BODY, JOINT
@@ -124,8 +126,8 @@ def test_a_real_log_gives_a_table_that_a_sensor_can_use(study_logs: Path, tmp_pa
     assert 0.003 < np.median(used.sd_m[:, 0, 0]) < 0.06
 
 
-def labels_swapped_from_behind(share: list[float]) -> SensorErrors:
-    """Exact sensors that swap left and right where they see a person's back, and the facings to compare with."""
+def labels_swapped_from_behind(share: list[float], white_m: float) -> SensorErrors:
+    """Sensors of white noise that swap left and right where they see a back, and the facings to compare with."""
     half, joints = [0.0, 89.999, 90.001, 180.0], len(BODY)
     return msgspec.structs.replace(
         measured_errors().data,
@@ -133,7 +135,7 @@ def labels_swapped_from_behind(share: list[float]) -> SensorErrors:
         alpha_deg=half, mirrored=[0.0, 0.0, 1.0, 1.0],
         yaw_deg=half, mirrored_yaw_deg=[yaw - 180 for yaw in half], yaw_sd_deg=[0.0] * 4, mirrored_yaw_sd_deg=[0.0] * 4,
         bias_m=np.zeros((joints, BIAS_BINS, 3)).tolist(), sd_m=np.full((joints, 2, 3), 1e-6).tolist(),
-        white_m=[0.0] * joints, losses_per_min=0.0, joint_lost=0.0,
+        white_m=[white_m] * joints, losses_per_min=0.0, joint_lost=0.0,
     )  # fmt: skip
 
 
@@ -148,8 +150,30 @@ def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.M
     monkeypatch.setattr(sensor_errors, "STILL_S", 0.3)
     neither, first, second, both = 0.4, 0.3, 0.2, 0.1
     share = [0.0, 0.0, both, second, 0.0, 0.0, 0.0, 0.0, neither, first, 0.0, 0.0]
-    found = as_simulated(labels_swapped_from_behind(share), seeds=(0,))
+    white_m = 0.002
+    found = as_simulated(labels_swapped_from_behind(share, white_m), seeds=(0,))
     assert found["90"]["mirrored_better_percent"] == pytest.approx(100 * (first + second), abs=2)
+    # The variance of a second difference is 1 + 4 + 1 times that of a coordinate, of which there are three.
+    assert found["90"]["stationary_jitter_mm"] == pytest.approx(1000 * white_m * np.sqrt(6 * 3), rel=0.15)
+
+
+def test_what_is_stated_of_a_session_is_what_its_views_were_made_with() -> None:
+    """Somebody who stands while both views shake by 1 mm, then walks, 10 % larger and smaller by turns, 3 cm apart."""
+    stands, walks = 40, 60
+    frames = stands + walks
+    walking, turns = np.arange(frames) >= stands, np.where(np.arange(frames) % 2, 1.0, -1.0)[:, None, None]
+    seen = np.where(walking[:, None, None], (1 + 0.1 * turns) * standing(), standing() + turns * [0.001, 0.0, 0.0])
+    both = np.stack([seen, seen + np.where(walking, 0.03, 0.0)[:, None, None] * [0.0, 1.0, 0.0]], axis=1)
+    task = np.where(walking, SCENARIOS["walk"], SCENARIOS["stationary"])
+    zeros, nothing = np.zeros((frames, 2)), np.zeros((frames, 2), dtype=bool)
+    at_s = np.arange(frames)[:, None] / 30 + zeros
+    raw = AlignedViews(at_s, task, both, both, np.zeros((2, 3)), zeros)
+    view = LabelledViews("90", 0, raw, zeros, zeros, nothing, both, np.zeros((frames, 2, 25), dtype=bool))
+    figures = _statement([view], [both[:, 0] - both[:, 1]], [], 1.0, [])["by_placement"]["90"]
+    assert figures["walk_dd_cm"] == figures["walk_rest_cm"] == pytest.approx(3)
+    assert figures["bone_length_variation_percent"] == pytest.approx(10)
+    assert figures["mirrored_better_percent"] == 0
+    assert figures["stationary_jitter_mm"] == pytest.approx(4)  # of −1, 1 and −1 mm: the second difference
 
 
 def test_a_folder_without_somebody_in_all_three_tasks_is_refused(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -51,6 +52,13 @@ def test_a_keypoint_is_near_a_body_up_to_15_pixels_outside_of_it(turn: float, aw
     (found,) = near(disc(), MIDDLE_PX + away_px * np.array([[np.cos(turn), np.sin(turn)]]))
     if abs(beyond) > 1.5:  # the disc and the point are of whole pixels
         assert found == (beyond < 0)
+
+
+def test_a_keypoint_beyond_the_window_is_not_near_even_where_the_body_reaches_its_edge() -> None:
+    full = msgspec.structs.replace(disc(), mask=np.ones((101, 121), np.uint8))
+    x, y = (axis.ravel() for axis in np.mgrid[-9:117, 260:366])
+    within = (x >= -7) & (x < -7 + 121) & (y >= 262) & (y < 262 + 101)
+    np.testing.assert_array_equal(near(full, np.stack([x, y], axis=1).astype(np.float64)), within)
 
 
 def test_of_no_keypoints_none_is_near() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -62,6 +63,15 @@ def test_of_two_that_disagree_the_expected_one_is_believed_and_else_the_surer() 
         told = one_point([0.0, 0.1], [2, 2], [0.005, 0.004], expected)
         np.testing.assert_allclose(told.points[0, 0], believed)
         assert told.disputed[:, 0].tolist() == [believed != 0.0, believed == 0.0]
+
+
+@pytest.mark.parametrize(("sd", "gate_m"), [([0.003, 0.004], 0.025), ([0.006, 0.008], 0.04), ([0.03, 0.04], 0.06)])
+def test_views_agree_up_to_a_centimetre_and_three_sds_of_their_distance_but_six_centimetres_at_most(
+    sd: list[float], gate_m: float
+) -> None:
+    near, far = (one_point([0.0, distance], [2, 2], sd) for distance in (0.999 * gate_m, 1.001 * gate_m))
+    assert near.disputed[:, 0].tolist() == [False, False]
+    assert far.disputed[:, 0].tolist() == [False, True]
 
 
 def test_two_of_three_outvote_what_was_expected() -> None:

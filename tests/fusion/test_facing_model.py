@@ -19,7 +19,9 @@ from mocapella.fusion.facing_grid import BINS, YAWS, most_likely
 from mocapella.fusion.facing_model import (
     MOST_SCORE,
     SHAPE_BINS,
+    SPEEDS,
     from_json,
+    neighbours,
     read_model,
     shape_place,
     shipped_model,
@@ -163,6 +165,15 @@ def test_scores_are_spread_evenly_over_the_bins_and_those_beyond_are_at_the_ends
         assert place == (SHAPE_BINS - 1 if score > 0 else 0)
 
 
+@given(st.integers(1, 40), st.floats(-3, 45))
+def test_between_bins_that_do_not_wrap_lines_stay_lines_and_beyond_the_ends_is_the_end(
+    count: int, place: float
+) -> None:
+    first, second, part = neighbours(np.array(place), count, wraps=False)
+    line = np.arange(count, dtype=np.float64)
+    assert (1 - part) * line[first] + part * line[second] == pytest.approx(np.clip(place, 0, count - 1))
+
+
 def sequences(seed: int, people: int = 3, known: bool = True) -> list[FacingSequence]:
     """People who turn before two sensors that report half of their angle and fold it; shapes say back or front."""
     rng = np.random.default_rng(seed)
@@ -186,6 +197,23 @@ def test_a_facing_that_nobody_wrote_down_is_learnt() -> None:
     for sequence, p in zip(sequences(1), posteriors(sequences(1), model, FacingSettings()), strict=True):
         true = np.where(sequence.at_s < 5, 0.0, 1.5 * (sequence.at_s - 5))
         assert (np.abs(wrap(most_likely(p) - true)) < np.pi / 2)[30:].mean() > 0.98
+
+
+def test_how_people_walk_is_learnt_of_each_speed_by_itself() -> None:
+    """Somebody walks backwards as slowly as counts, and ahead fast; at the speed between them nobody walks."""
+    slow, between, fast = SPEEDS
+    turning = sequences(0)
+    for sequence in turning:
+        speed = np.where(np.arange(len(sequence.at_s)) % 2, -0.5 * (slow + between), 1.2 * fast)
+        yaw = 1.5 * (sequence.at_s - 5)
+        sequence.velocity[:] = (speed * np.stack([np.sin(yaw), 0 * yaw, np.cos(yaw)])).T
+    p = np.exp(train(turning, KINECT.name).motion)
+    p /= p.sum(axis=1, keepdims=True)
+    ahead = np.abs(wrap(YAWS)) < np.radians(60)
+    backwards = np.abs(wrap(YAWS)) > np.radians(120)
+    assert p[0, backwards].sum() > 0.9
+    np.testing.assert_allclose(p[1], 1 / BINS)
+    assert p[2, ahead].sum() > 0.9
 
 
 def test_learning_says_what_it_lacks() -> None:

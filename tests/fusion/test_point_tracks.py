@@ -51,6 +51,17 @@ def test_half_as_sure_is_so_much_less_certain() -> None:
     np.testing.assert_allclose(other, one * np.sqrt(2), rtol=1e-6)
 
 
+def test_the_uncertainty_is_as_large_as_the_error_of_a_coordinate() -> None:
+    rng, frames = np.random.default_rng(0), 400
+    clean = project(apply(np.stack([c.T_camera_world for c in RIG.cameras.values()])[:, None], TRUTH), LENS)
+    pixels = np.tile(clean.transpose(1, 0, 2, 3)[:1], (frames, 1, 1, 1))
+    pixels += rng.normal(0, TracksSettings().sd_px, pixels.shape)
+    at_s, sure = np.zeros((frames, 2)), np.ones((frames, 2, len(POINTS)))
+    space, _ = triangulate_tracks(ImageTracks(("left", "right"), POINTS, np.arange(frames), at_s, pixels, sure), RIG)
+    error = np.sqrt(np.nanmean((space.positions - TRUTH[0]) ** 2))
+    assert np.sqrt(np.nanmean(space.sds**2)) == pytest.approx(error, rel=0.1)
+
+
 def test_cameras_are_matched_by_name_and_the_order_does_not_matter() -> None:
     seen = tracks()
     turned = ImageTracks(

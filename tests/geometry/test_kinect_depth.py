@@ -17,8 +17,8 @@ def test_what_cannot_be_is_nothing(raw: int) -> None:
 
 def test_without_the_range_the_pole_is_still_kept_out() -> None:
     assert kinect_metres(1084, 0.0, 1e9) == pytest.approx(533.3, rel=1e-3)
-    assert kinect_metres(1085, 0.0, 1e9) == 0.0
-    assert kinect_metres(2046, 0.0, 1e9) == 0.0
+    for raw in (-1, 1085, 2046, 2047, 2048, 65_535):
+        assert kinect_metres(raw, 0.0, 1e9) == 0.0
     assert kinect_metres(0, 0.0, 1e9) == pytest.approx(1 / 3.3309495161)
 
 

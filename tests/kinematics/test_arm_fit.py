@@ -38,6 +38,14 @@ def arm_model(side: Handedness) -> ArmModel:
     return ArmModel(model, model.shape(side))
 
 
+@pytest.mark.parametrize("side", SIDES)
+def test_the_flesh_of_a_longer_hand_is_as_much_longer_and_thicker(side: Handedness) -> None:
+    model = hand_model("full")
+    small, large = (ArmModel(model, model.shape(side, hand_length_m=length)) for length in (0.16, 0.2))
+    for name in ("palm", "radii", "length_m", "forearm_m"):
+        np.testing.assert_allclose(getattr(large, name), 1.25 * getattr(small, name), rtol=1e-9, err_msg=name)
+
+
 def posed(model: ArmModel, rng: np.random.Generator, opened: bool = False) -> ArmPose:
     """A hand at 0.6 m that is half open, or opened, its palm about to the camera, its forearm about straight."""
     view = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]).T  # of a right hand's palm, fingers up

@@ -180,6 +180,13 @@ def test_frames_with_a_gap_between_them_are_not_compared() -> None:
     assert quality.as_json()["misdetections_per_minute"] is None
 
 
+@given(*[st.lists(st.integers(0, 10**6), min_size=5, max_size=5)] * 2)
+def test_the_sum_of_misdetections_has_those_of_both_by_kind(one: list[int], other: list[int]) -> None:
+    both = Misdetections(*one).plus(Misdetections(*other))
+    assert both == Misdetections(*map(sum, zip(one, other, strict=True)))
+    assert both.of_joints + both.lost == sum(one) + sum(other)
+
+
 def test_reset_is_as_newly_made() -> None:
     rng, meter = np.random.default_rng(3), ArmQualityMeter()
     frames = [POINTS + rng.normal(0, 0.02, POINTS.shape) for _ in range(80)]

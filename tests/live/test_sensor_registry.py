@@ -11,6 +11,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import depth_frame
 from mocapella.model.limits import MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
 from mocapella.model.observations import BodyFrame, body_frame
+from mocapella.model.scene import SensorPlace
 from mocapella.model.session import SensorHealth, SensorPose, Setup
 from mocapella.model.topology import topology
 from mocapella.wire.clock import ClockProbe
@@ -214,6 +215,23 @@ def test_the_setup_overrides_what_the_frames_say() -> None:
     registry.arrived(frame(0), A, 0)
     setup = Setup(sensors={"front": SensorPose(tilt=-0.2, height=2.0)})
     assert (row(registry, 0, setup).tilt, row(registry, 0, setup).height) == (-0.2, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        (None, ""),
+        (SensorPlace("side", np.eye(4), quality="3 mm, 0.1°", problem="was it moved?"), ""),
+        (SensorPlace("front", None, problem="walk about"), "walk about"),
+        (SensorPlace("front", np.eye(4), quality="3 mm, 0.1°"), "3 mm, 0.1°"),
+        (SensorPlace("front", np.eye(4), quality="3 mm, 0.1°", problem="was it moved?"), "was it moved?"),
+    ],
+)
+def test_what_is_wrong_with_a_calibration_is_told_before_how_good_it_is(place: SensorPlace | None, said: str) -> None:
+    registry = SensorRegistry()
+    registry.set_connected(A, True, 0)
+    (health,) = registry.health(0, Setup(), {}, {}, [] if place is None else [place])
+    assert health.calibration == said
 
 
 def test_what_a_sensor_sends_is_told() -> None:

@@ -84,6 +84,17 @@ def test_any_limits_names_and_landmarks_come_back(tmp_path_factory: pytest.TempP
     assert_same(mesh, load_rigged_mesh(path))
 
 
+@pytest.mark.parametrize("which", sorted(MESHES))
+def test_a_file_has_bones_if_the_mesh_has_parts_that_move(tmp_path: Path, which: str) -> None:
+    mesh, path = MESHES[which](), tmp_path / "mesh.gltf"
+    save_rigged_mesh(path, mesh)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    (primitive,) = content["meshes"][0]["primitives"]
+    weighted = any(name.startswith(("JOINTS", "WEIGHTS")) for name in primitive["attributes"])
+    moves = len(mesh.part_names) > 1
+    assert (bool(content.get("skins")), weighted, len(content["nodes"]) > 1) == (moves, moves, moves)
+
+
 def test_more_than_four_weights_a_vertex_come_back(tmp_path: Path) -> None:
     mesh = worm()
     shares = np.tile([0.3, 0.2, 0.2, 0.15, 0.1, 0.05], (16, 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -61,6 +62,14 @@ def test_a_spool_may_be_as_large_as_its_largest_size(tmp_path: Path) -> None:
     place.write(3, frames(range(3)))
     with pytest.raises(DiskFullError, match=f"largest size, {2 * size} bytes"):
         place.write(6, [b"x"])
+
+
+def test_a_spools_limits_are_those_that_the_documentation_tells() -> None:
+    text = (Path(__file__).parents[2] / "docs/takes.md").read_text(encoding="utf-8")
+    told = re.search(r"spool of a node grows up to (\d+) GiB, and leaves (\d+) GiB of the disk free", text)
+    assert told is not None
+    most, reserve = (int(gib) * 1024**3 for gib in told.groups())
+    assert SpoolLimits() == SpoolLimits(reserve_bytes=reserve, most_bytes=most)
 
 
 def test_a_spool_leaves_the_reserve_and_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

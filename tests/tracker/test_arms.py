@@ -326,12 +326,15 @@ def test_recalibrating_places_the_cameras_anew() -> None:
     tracker = ArmsTracker(sensors_expected=2)
     for arrival in run(5.0, {"a": one("a"), "b": one("b")}):
         scene = tracker.update(arrival)
+        placed = [place.sensor for place in scene.sensors if place.T_world_sensor is not None]
+        assert tracker.report.calibrations == ("b" in placed)  # once, though its place is improved
     assert scene.state.phase is Phase.TRACKING
+    assert "b" in placed
     tracker.recalibrate("asked for")
     for arrival in run(1.0, {"a": one("a"), "b": one("b")}, begin_s=6.0):
         scene = tracker.update(arrival)
     assert scene.state.phase is Phase.CALIBRATING
-    assert tracker.report.restarts == 1
+    assert (tracker.report.calibrations, tracker.report.restarts) == (1, 1)
 
 
 def test_places_that_were_found_can_be_kept_and_used_again() -> None:

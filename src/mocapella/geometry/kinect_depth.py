@@ -36,10 +36,11 @@ def kinect_metres(raw: Any, nearest_m: float = NEAREST_M, farthest_m: float = FA
     Returns:
         (...) float32 depth [m]; 0 where invalid.
     """
+    # The line falls to 0 between 1084 and 1085: from there on, `NOTHING` included, the depth is 0.
     disparity = np.asarray(raw, dtype=np.float64)
     denominator = SLOPE_PER_M * disparity + OFFSET_PER_M
     depth = 1.0 / np.where(denominator > 0, denominator, np.inf)
-    there = (disparity >= 0) & (disparity < NOTHING) & (depth >= nearest_m) & (depth <= farthest_m)
+    there = (disparity >= 0) & (depth >= nearest_m) & (depth <= farthest_m)
     return np.where(there, depth, 0.0).astype(np.float32)
 
 
