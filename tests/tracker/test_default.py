@@ -132,6 +132,15 @@ def test_somebody_whom_one_sensor_sees_is_a_person_and_who_is_seen_no_more_is_pr
     assert not scenes[-1].people
 
 
+@pytest.mark.parametrize("shown_for_s", [0.5, 1.0])
+def test_who_is_seen_no_more_is_told_of_for_as_long_as_is_set_and_no_longer(shown_for_s: float) -> None:
+    places = {"front": FRONT}
+    tracker = told(places, DefaultSettings(shown_for_s=shown_for_s))
+    run(tracker, frames({1: Walker()}, 2.0 + 1 / RATE, places))  # the last one is at 2 s
+    scenes = run(tracker, frames({}, 2.0, places, begin=2.0 + 1 / RATE))
+    assert sum(bool(scene.people) for scene in scenes) == round(shown_for_s * RATE)
+
+
 def test_a_body_that_is_thrown_about_as_it_is_lost_does_not_take_the_person_along() -> None:
     walker, rng = Walker(), np.random.default_rng(5)
     tracker = told()
