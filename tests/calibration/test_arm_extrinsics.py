@@ -7,6 +7,7 @@ import pytest
 from support.arm_frames import FPS, arm_at, places, seen
 
 from mocapella.calibration.arm_extrinsics import ArmExtrinsics, ArmExtrinsicsResult, ArmExtrinsicsSettings
+from mocapella.geometry.rigid import apply
 from mocapella.model.arms import ARM_JOINTS
 
 
@@ -32,6 +33,22 @@ def shared(hidden: dict[tuple[str, int], int]) -> dict[float, set[int]]:
             arm = seen(arm_at(at_s), camera, rng, hidden=inferred)
             calibration.update(camera, [arm], at_s, {"a": places()["a"]})
     return {round(one.at_s * FPS - 0.5): set(np.flatnonzero(one.weights).tolist()) for one in calibration.instants["b"]}
+
+
+@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+def test_an_instant_is_where_the_arm_was_when_the_camera_saw_it_in_the_world_and_in_the_camera(phase: float) -> None:
+    """Even though the calibrated camera saw it before and after; what is left is because the arm's path is curved."""
+    calibration, rng = ArmExtrinsics(ArmExtrinsicsSettings(most_hz=1000.0)), np.random.default_rng(0)
+    for k in FRAMES:
+        for camera, at_s in (("a", k / FPS), ("b", (k + phase) / FPS)):
+            arm = seen(arm_at(at_s), camera, rng, noise_m=0.0)
+            calibration.update(camera, [arm], at_s, {"a": places()["a"]})
+    assert len(calibration.instants["b"]) == len(PAIRED)
+    for one in calibration.instants["b"]:
+        before, truth, after = (arm_at(one.at_s + k / FPS)[list(ARM_JOINTS)] for k in (-1, 0, 1))
+        np.testing.assert_allclose(one.world, truth, atol=5e-4)
+        np.testing.assert_allclose(apply(places()["b"], one.own), truth, atol=1e-6)
+        np.testing.assert_allclose(one.velocity @ places()["b"][:3, :3].T, (after - before) * FPS / 2, atol=1e-6)
 
 
 def test_joints_that_both_cameras_measure_count() -> None:

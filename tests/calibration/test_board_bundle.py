@@ -18,6 +18,7 @@ from mocapella.calibration.board_bundle import (
     _Problem,
     _residual,
     _sigma,
+    adjust,
 )
 from mocapella.calibration.board_bundle import LENS as LENS_PART
 from mocapella.geometry.twists import exp_twist
@@ -93,3 +94,30 @@ def test_the_noise_is_found_however_much_of_it_the_unknowns_absorb(unknowns: int
     space, _ = np.linalg.qr(rng.normal(size=(coordinates, unknowns)))
     residual = noise - space @ (space.T @ noise)
     assert _sigma(residual.reshape(-1, 2), unknowns / coordinates) == pytest.approx(sd_px, rel=0.15)
+
+
+def test_corners_that_are_given_several_times_make_nobody_surer() -> None:
+    """The errors of a view's corners are one error then: the views disagree by that much more than corners do."""
+    rng, times, boards = np.random.default_rng(1), 6, 25
+    grid = np.array([[x, y, 0.0] for x in np.linspace(-0.2, 0.2, 5) for y in np.linspace(-0.1, 0.1, 4)])
+    count = len(grid)
+    unseen = Corners(
+        np.repeat([0, 1], boards * count), np.tile(np.repeat(np.arange(boards), count), 2),
+        np.tile(grid, (2 * boards, 1)), np.zeros((2 * boards * count, 2)),
+    )  # fmt: skip
+    turned = rng.uniform([-0.3, -0.3, 1.2, -0.5, -0.5, -0.5], [0.3, 0.3, 1.8, 0.5, 0.5, 0.5], (boards, 6))
+    start = Bundle(
+        exp_twist([[0.1, 0, 0, 0, 0.1, 0], [-0.1, 0, 0, 0, -0.1, 0]]), np.stack([LENS, LENS]), exp_twist(turned)
+    )
+    once = replace(unseen, pixel=rng.normal(0, 0.2, unseen.pixel.shape) - _residual(unseen, start))
+    # All copies of a view's corners follow each other, because they are of one view.
+    order = np.arange(len(once.board)).reshape(-1, count).repeat(times, axis=0).ravel()
+    often = Corners(once.camera[order], once.board[order], once.corner_m[order], once.pixel[order])
+    free = np.zeros((2, CAMERA), np.bool_)
+    free[1, POSE] = True
+    prior = LensPrior(start.lenses, np.zeros((2, 9, 9)))
+    one, same = (adjust(corners, start, free, np.ones(boards, np.bool_), prior) for corners in (once, often))
+    assert one.dispersion == pytest.approx(1.0, abs=0.2)
+    assert same.dispersion == pytest.approx(times, rel=0.2)
+    sd, again = (np.sqrt(np.diagonal(found.covariance[1, :, 1])[POSE]) for found in (one, same))
+    np.testing.assert_allclose(again, sd, rtol=0.2)

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 from support.walking_people import FRONT, SIDE, Sensor, Walker, standing_at
 from test_pair_calibration import calibrated
 
-from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
+from mocapella.calibration import pair_memory as at
+from mocapella.calibration.moved_sensor import AGREED_BEFORE_S, SEEN_WITHIN_S, disagrees_for, moved_sensors
+from mocapella.calibration.pair_calibration import PairCalibration
 
 
 def test_the_sensor_that_most_pairs_disagree_with_is_the_one_that_moved() -> None:
@@ -42,3 +47,12 @@ def test_somebody_who_never_agreed_is_no_evidence() -> None:
     b.T_world_sensor = SIDE @ standing_at(1.0, 0.0, 30.0, height=0.0)
     calibrated(a, b, {0: Walker()}, 4, pair, begin=10.0)
     assert disagrees_for(pair, 14.0) == 0.0
+
+
+def test_a_body_counts_for_half_a_second_after_it_was_last_compared_and_no_longer() -> None:
+    body = np.full(at.STEP_AT + 1, np.nan)
+    body[at.STEP_AT], body[at.AGREED], body[at.DISAGREES_SINCE] = 10.0, AGREED_BEFORE_S, 8.0
+    pair = cast(PairCalibration, SimpleNamespace(bodies={(1, 2): body}))
+    last = 10.0 + SEEN_WITHIN_S
+    assert disagrees_for(pair, last) == last - 8.0
+    assert disagrees_for(pair, last + 1e-6) == 0.0

@@ -16,6 +16,7 @@ from mocapella.calibration.space_alignment import (
     _linear,
     _shortfalls,
     align_space,
+    try_to_align,
 )
 from mocapella.errors import CalibrationError, InputError, SettingsError
 from mocapella.geometry.rigid import apply, inverse, rigid
@@ -109,6 +110,15 @@ def test_a_start_without_noise_is_right_though_every_twentieth_point_is_elsewher
     # What is left is because it weighs the points anew only a few times.
     np.testing.assert_allclose(found, T, atol=0.001)
     np.testing.assert_allclose(lever, LEVERS[:1], atol=0.001)
+
+
+@pytest.mark.parametrize(("lacking", "found"), [(0, True), (1, False)])
+def test_as_many_shared_instants_as_are_wanted_suffice_and_one_less_does_not(lacking: int, found: bool) -> None:
+    """The poses go on so long before and after the points that none is lost at any delay."""
+    observed = recorded(somewhere(4), delay_s=0.0, seconds=5.0)
+    wanted = SpaceAlignmentSettings(delay_within_s=0.02, least_instants=len(observed[0]) + lacking)
+    fit, missing = try_to_align(*observed, wanted)
+    assert (fit is not None, [one.problem for one in missing] == ["too few shared instants"]) == (found, not found)
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,11 @@ from mocapella.evaluation.two_cameras import beside, looks_of, two_camera_scores
 from mocapella.geometry.rigid import apply
 from mocapella.model.arms import SeenArms
 from mocapella.model.hand import TIPS
-from mocapella.sources.simulate.depth_scene import load_depth_scene
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Scene
+from mocapella.sources.simulate.depth_scene import DepthShot, load_depth_scene
 from mocapella.sources.simulate.seen_arms import SeenArmSettings, SimulatedArms
+from mocapella.tracker.arms import ArmsTracker
 
 
 def test_another_camera_sees_the_very_same_scene() -> None:
@@ -57,6 +60,23 @@ def test_without_motion_a_second_camera_has_no_place_and_no_score() -> None:
     told = two_camera_scores(scene, (SimulatedArms().look, SimulatedArms().look), fps=5.0, seconds=1.0, rig=False)
     assert math.isnan(told["place"]["known_after_s"])
     assert told["fused"]["instants"] == 0
+
+
+def test_each_frame_is_from_when_its_image_was_taken() -> None:
+    """The cameras take turns, half an interval apart."""
+    arrivals: list[Arrival] = []
+
+    class Heard(ArmsTracker):
+        def update(self, arrival: Arrival) -> Scene:
+            arrivals.append(arrival)
+            return super().update(arrival)
+
+    def look(_shot: DepthShot) -> SeenArms:
+        return SeenArms((), "it does not look")
+
+    two_camera_scores(load_depth_scene("still", seed=1, sensor="exact"), (look, look), fps=5.0, seconds=0.4, make=Heard)
+    np.testing.assert_allclose([one.frame.time_ns / 1e9 for one in arrivals], [0.0, 0.1, 0.2, 0.3], atol=1e-8)
+    assert [one.at_ns for one in arrivals] == [one.frame.time_ns for one in arrivals]
 
 
 class Kept:

@@ -76,6 +76,18 @@ def test_labels_and_sides_do_not_matter_to_the_shape(seed: int, toward: float) -
     assert mirrored.seen == pytest.approx(-one.seen, abs=1e-9)
 
 
+def test_whoever_moves_mostly_faces_ahead_more_so_when_faster_but_may_walk_backwards() -> None:
+    motion, away = untrained().motion, np.abs(wrap(YAWS))
+    nearer = np.argsort(away)
+    for row in motion:
+        np.testing.assert_allclose(row, row[np.argmin(np.abs(wrap(YAWS[:, None] + YAWS)), axis=0)], atol=1e-9)
+        assert (np.diff(row[nearer]) <= 1e-12).all()
+    behind = motion.max(axis=1) - motion.min(axis=1)
+    assert (np.diff(behind) > 0).all()
+    assert np.log(2) < behind[0]
+    assert behind[-1] < np.log(50)  # else a few steps backwards would turn a person round
+
+
 def test_a_missing_joint_takes_its_features_away_and_no_others() -> None:
     body = a_body(1)
     body[KINECT.index("Head")] = [0.0, 0.6, 0.0]

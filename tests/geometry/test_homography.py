@@ -26,6 +26,12 @@ def test_a_plane_is_found_where_it_is(turn: np.ndarray, at: np.ndarray) -> None:
     np.testing.assert_allclose(plane_pose(PLANE, directions(T)), T, atol=1e-7)
 
 
+@given(st.integers(0, 10_000))
+def test_a_plane_about_its_middle_is_in_front_of_the_camera_however_wrong_its_image_is(seed: int) -> None:
+    wrong = np.random.default_rng(seed).uniform(-1, 1, (len(PLANE), 2))
+    assert plane_pose(PLANE - PLANE.mean(axis=0), wrong)[2, 3] > 0
+
+
 @given(turns)
 def test_a_homography_brings_the_plane_to_its_picture(turn: np.ndarray) -> None:
     T = exp_twist(np.r_[0, 0, 1.0, turn])

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,14 @@ def test_without_a_server_it_says_so_and_still_reports(tmp_path: Path) -> None:
         assert node.end(signal.SIGTERM) == 0
     assert "which no server at" in node.output
     assert '"number of markers": 1' in node.output
+
+
+def test_its_seconds_are_those_between_its_begin_and_its_end() -> None:
+    stop, began_s = threading.Event(), time.monotonic()
+    stop.set()
+    settings = DatagramSettings((("left", 0),), ("red",))
+    report = run_datagrams(settings, f"tcp/127.0.0.1:{free_port()}", stop, lambda text: None)
+    assert 0.0 <= report["seconds"] <= time.monotonic() - began_s + 0.001  # it is rounded
 
 
 @pytest.mark.parametrize(

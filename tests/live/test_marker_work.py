@@ -8,7 +8,7 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
@@ -116,6 +116,7 @@ def test_a_picture_of_another_size_is_refused() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0, 0.2), st.floats(0, 0.2)), max_size=20))
+@example([(1 / 20, 0.1)])
 def test_late_is_longer_than_an_interval_and_too_late_is_not_sent(looks: list[tuple[float, float]]) -> None:
     made = work(colours=False)
     sent = [made.in_time(took, age, 0.1) for took, age in looks]

@@ -288,6 +288,23 @@ def test_the_account_adds_up_after_a_recording_that_stopped_badly(
     assert harness.service.health().active
 
 
+def test_it_records_from_the_begin_of_a_take_until_its_end_or_its_failure(
+    harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not harness.service.active
+    harness.service.begin(tmp_path / "a.mcap")
+    assert harness.service.active
+    harness.service.finish()
+    assert not harness.service.active
+    harness.service.begin(tmp_path / "b.mcap")
+    assert harness.service.active
+    with monkeypatch.context() as patch:
+        _fail(tmp_path, patch)
+        harness.record(0)
+        wait_until("it is noticed", lambda: harness.recorder.failed)
+        assert not harness.service.active  # though nobody has ended the take
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_recorder_that_fails_of_what_nobody_foresaw_says_so(
     harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.model.body_flesh import LEG, body_limbs, joint_places
+from mocapella.model.body_flesh import ARM, LEG, body_limbs, joint_places
 from mocapella.model.body_proportions import AVERAGE, Lengths, Sex, body_shape, lengths_of
 
 
@@ -36,3 +36,19 @@ def test_shoes_stand_on_the_ground(sex: Sex) -> None:
     np.testing.assert_allclose(lowest, -0.002, atol=0.004)
     assert shoe[:, 5].min() < ankle[2] - 0.01  # from behind the ankle
     assert shoe[:, 5].max() > ankle[2] + 0.08  # to the toes
+
+
+@pytest.mark.parametrize("sex", ["female", "male"])
+@pytest.mark.parametrize("height", [1.1, 1.7])
+def test_a_hand_hangs_from_the_wrist_to_the_fingertip_with_its_thumb_forward(sex: Sex, height: float) -> None:
+    lengths = lengths_of(sex, height, AVERAGE)
+    limbs, places = body_limbs(body_shape(sex).flesh, lengths, 1.0), joint_places(lengths)
+    wrist, tip = places["left wrist"], places["left fingertip"]
+    hand = limbs[(limbs[:, 8] == ARM) & (limbs[:, 4] < wrist[1] - 0.01 * height)]  # that end below the wrist
+    ends, radii = hand[:, :6].reshape(-1, 3), hand[:, 6:8].ravel()
+    assert (ends[:, 1] < wrist[1]).all()
+    assert (ends[:, 1] - radii).min() == pytest.approx(tip[1], abs=0.03 * lengths.hand)
+    share = (wrist[1] - ends[:, 1]) / (wrist[1] - tip[1])
+    np.testing.assert_allclose(ends[:, 0], wrist[0] + share * (tip[0] - wrist[0]), atol=1e-9)
+    behind, before = wrist[2] - (ends[:, 2] - radii).min(), (ends[:, 2] + radii).max() - wrist[2]
+    assert 0.1 * lengths.hand < behind < before < 0.5 * lengths.hand

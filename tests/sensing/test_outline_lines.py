@@ -13,8 +13,8 @@ from mocapella.sensing.outline_lines import border_lines, border_samples, mask_l
 origins = st.tuples(st.integers(-20, 200), st.integers(-20, 200))
 
 
-def silhouette(mask, origin=(0, 0), step=1):
-    return Silhouette(origin, step, mask.astype(np.float32) - np.float32(0.5))
+def silhouette(mask, origin=(0, 0), step=1, outside=-0.5):
+    return Silhouette(origin, step, np.where(mask, np.float32(0.5), np.float32(outside)))
 
 
 def lines_of(points):
@@ -39,6 +39,14 @@ def test_points_are_samples_that_are_covered_or_beside_a_hole(mask, origin, step
         assert len(lines_of(points)) == len(whole)
         for line, of_all in zip(lines_of(points), whole, strict=True):
             np.testing.assert_array_equal(line, of_all)
+
+
+@given(arrays(bool, (8, 9)))
+def test_a_sample_that_is_just_on_the_zero_is_outside(mask):
+    just, clearly = silhouette(mask, outside=0.0), silhouette(mask)
+    np.testing.assert_array_equal(border_lines(just), border_lines(clearly))
+    for one, other in zip(border_samples(just), border_samples(clearly), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @given(st.integers(5, 400), st.integers(5, 400), st.integers(50, 400))

@@ -307,6 +307,19 @@ def test_the_energy_falls_with_a_background_too(guided: bool) -> None:
         assert (np.diff(found.energies) <= 1e-5 * abs(found.energies[:-1]) + 1e-2).all()
 
 
+@pytest.mark.parametrize("colour", [(20, 20, 20), (230, 230, 230), (110, 110, 240)])
+def test_whatever_differs_from_the_known_background_is_found_without_a_prior_and_else_there_is_nothing(
+    colour: tuple[int, int, int],
+) -> None:
+    rng = np.random.default_rng(0)
+    empty = [rng.normal(110, 3, (96, 112, 3)).round().astype(np.uint8) for _ in range(7)]
+    model, window = learn_background(empty[:-1]), prior_of(1)
+    there = disc((70.0, 40.0), 20.0, (96, 112)) > 0
+    image = np.where(there[..., None], np.array(colour, np.uint8), empty[-1])
+    assert iou(background_contour(image, model, window, guided=False).silhouette.phi > 0, there) > 0.95
+    assert not (background_contour(empty[-1], model, window, guided=False).silhouette.phi > 0).any()
+
+
 def test_a_person_who_walks_by_is_not_learnt() -> None:
     images = [np.full((40, 60, 3), 90, dtype=np.uint8) for _ in range(9)]
     for k, image in enumerate(images):

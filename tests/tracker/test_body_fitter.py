@@ -187,6 +187,29 @@ def test_a_body_that_nobody_saw_is_looked_for_farther_away() -> None:
         assert np.median(np.linalg.norm(found.landmarks - landmarks_at(ROOM.mesh, there), axis=1)) < 0.02
 
 
+def test_images_are_looked_at_anew_in_each_round_but_the_last_where_a_body_is_yet_to_be_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At first, and after it was seen by nobody; a body that is followed needs less."""
+    asked: list[tuple[int, int]] = []
+    fitted = BodyFitter._fitted
+
+    def note(self: BodyFitter, *given: Any, rounds: int, segmented: int, **how: Any) -> TreePose:
+        asked.append((rounds, segmented))
+        return fitted(self, *given, rounds=rounds, segmented=segmented, **how)
+
+    monkeypatch.setattr(BodyFitter, "_fitted", note)
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
+    follow(tracker, 2)
+    assert tracker.update({}, 2 * FRAME_NS).seen == {}
+    tracker.update(ROOM.images(squat(3), 3), 3 * FRAME_NS)
+    first, followed, _, again = asked
+    s = tracker.settings
+    assert followed == (s.rounds, s.segmented)
+    assert first[0] > again[0] > s.rounds
+    assert [segmented for _, segmented in (first, again)] == [rounds - 1 for rounds, _ in (first, again)]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [{"left shoulder raise sidewards": 70}, {"left shoulder swing forwards": 80}])
 def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> None:
@@ -248,6 +271,17 @@ def test_another_light_is_a_new_background_after_a_while() -> None:
         told.append(len(tracker.update(lit, k * FRAME_NS).left_out))
     assert told[:3] == [4, 4, 4]
     assert told[-1] == 0
+
+
+def test_time_counts_from_any_zero() -> None:
+    found = []
+    for zero_ns in (0, 3_600_000_000_000):
+        tracker = BodyFitter(ROOM.mesh, ROOM.rig)
+        tracker.start(squat(0), zero_ns - FRAME_NS)
+        found.append([tracker.update(ROOM.images(squat(k), k), zero_ns + k * FRAME_NS).pose for k in range(4)])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.angles, other.angles)
+        np.testing.assert_array_equal(one.T_world_model, other.T_world_model)
 
 
 def test_a_camera_without_an_image_is_no_matter(clean: list[FittedBody]) -> None:

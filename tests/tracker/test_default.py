@@ -20,7 +20,7 @@ from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
 from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.default_settings import DefaultSettings
-from mocapella.tracker.people import SMOOTHING, PeopleSettings
+from mocapella.tracker.people import SMOOTHING, People, PeopleSettings
 
 PLACES = {"front": FRONT, "side": SIDE}
 RATE = 30.0
@@ -130,6 +130,15 @@ def test_somebody_whom_one_sensor_sees_is_a_person_and_who_is_seen_no_more_is_pr
     assert all((scene.people[0].states == JointState.INFERRED).all() for scene in scenes[10:20])
     assert (sd[-1] > sd[8]).all()
     assert not scenes[-1].people
+
+
+@pytest.mark.parametrize("shown_for_s", [0.5, 1.0])
+def test_who_is_seen_no_more_is_told_of_for_as_long_as_is_set_and_no_longer(shown_for_s: float) -> None:
+    places = {"front": FRONT}
+    tracker = told(places, DefaultSettings(shown_for_s=shown_for_s))
+    run(tracker, frames({1: Walker()}, 2.0 + 1 / RATE, places))  # the last one is at 2 s
+    scenes = run(tracker, frames({}, 2.0, places, begin=2.0 + 1 / RATE))
+    assert sum(bool(scene.people) for scene in scenes) == round(shown_for_s * RATE)
 
 
 def test_a_body_that_is_thrown_about_as_it_is_lost_does_not_take_the_person_along() -> None:
@@ -308,6 +317,35 @@ def test_nobody_jumps_while_a_sensor_is_placed_better_whichever_sent_the_first_f
     assert place is not None
     assert np.linalg.norm(place[:3, 3] - off[:3, 3]) > 0.1  # it was placed better
     assert np.linalg.norm(np.diff(middles[10:], axis=0), axis=-1).max() < 0.05
+
+
+def test_what_a_sensor_has_seen_moves_with_its_place_as_that_becomes_better_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    moved: dict[str, np.ndarray] = {}
+    move_sensor = People.move_sensor
+
+    def note(people: People, sensor: str, T_new_old: np.ndarray) -> None:
+        moved[sensor] = T_new_old
+        move_sensor(people, sensor, T_new_old)
+
+    monkeypatch.setattr(People, "move_sensor", note)
+    off = SIDE.copy()
+    off[:3, 3] += (0.08, 0.03, -0.05)
+    tracker, moves, before = told({"front": FRONT, "side": off}), 0, None
+    for arrival in frames({1: Walker()}, 3.0, noise=0.005):
+        moved.clear()
+        scene = tracker.update(arrival)
+        found = {place.sensor: place.T_world_sensor for place in scene.sensors if place.T_world_sensor is not None}
+        if len(found) < 2:
+            continue
+        now = inverse(found["front"]) @ found["side"]  # people's memory is in the space of the first sensor
+        if before is not None and scene.people:
+            np.testing.assert_allclose(moved.get("side", np.eye(4)) @ before, now, atol=1e-9)
+            moves += "side" in moved
+        assert "front" not in moved
+        before = now
+    assert moves > 10
 
 
 def test_nobody_jumps_when_the_floor_is_found() -> None:

@@ -311,6 +311,14 @@ def test_nobody_is_waited_for_where_nobody_is_known_to_be_absent_and_cameras_wit
     assert note.time_ns == at(0)
 
 
+def test_cameras_are_missing_until_each_has_sent_an_image():
+    room, tracker = Room(RIG), alone()
+    arrivals = arrivals_of(room.images(MESH, pose_at(MESH)), at(0), number=0)
+    states = [tracker.update(arrival).state for arrival in arrivals]
+    assert [state.sensors_missing for state in states] == [2, 1, 0]
+    assert [state.phase for state in states] == [Phase.WAITING_FOR_SENSORS] * 2 + [Phase.TRACKING]
+
+
 def test_what_cannot_be_used_is_counted_and_changes_nothing():
     room, tracker = Room(RIG), alone()
     feed(tracker, room.images(MESH, pose_at(MESH)), 0)

@@ -415,7 +415,7 @@ class ObjectPoses:
             T = plane_pose(flat, rays)
         except np.linalg.LinAlgError:
             return []
-        if not np.isfinite(T).all() or T[2, 3] <= 0:
+        if not np.isfinite(T).all():
             return []
         T_world_camera = inverse(placed.T_camera_world)
         return [T_world_camera @ one @ inverse(T_object_plane) for one in (T, turned_over(T))]

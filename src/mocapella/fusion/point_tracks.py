@@ -128,7 +128,7 @@ def triangulate_tracks(
     squares = np.where(found.used, found.residuals_px**2, 0.0)
     count = found.used.sum(axis=-1)
     with np.errstate(invalid="ignore"):
-        residuals = np.sqrt(squares.sum(axis=-1) / np.where(count > 0, count, np.nan))
+        residuals = np.sqrt(squares.sum(axis=-1) / count)
         sds = np.sqrt(np.trace(found.covariances, axis1=-2, axis2=-1) / 3.0)
     space = SpaceTracks(tracks.points, tracks.frames, at_s, found.points, sds, residuals, count, found.states)
     return space, _report(found, confident, names)
