@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 import numpy as np
@@ -37,7 +37,7 @@ class ImageReference(msgspec.Struct, frozen=True):
 
     path: str
     sha256: str
-    frame: int
+    frame: Annotated[int, msgspec.Meta(ge=0)]
 
 
 def checksum(path: Path) -> str:
