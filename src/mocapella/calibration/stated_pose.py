@@ -19,7 +19,7 @@ from mocapella.model.observations import JointState
 from mocapella.model.session import SensorPose
 
 MOST_S: Final = 20.0
-"""Bound of the evidence: somebody who stands on the hands for a shorter time turns no sensor round [s]."""
+"""Bound of the evidence: a handstand of a shorter time turns no sensor round [s]."""
 ENOUGH_S: Final = 0.15
 """Evidence that people must have given against the present orientation [s]."""
 LONGEST_STEP_S: Final = 0.1

@@ -59,7 +59,7 @@ A view's labels are nearly the same evidence in every frame: they decide where n
 against a facing that was known before the posture.
 """
 _BENT = 4.0
-"""Factor of the unlikeness of a view, up to 1, to say whether the person is bent: trunks that bow have 0.2 to 0.3."""
+"""Factor of the unlikeness of a view, up to 1, to say whether the person is bent; bowing trunks are unlike in part."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 

@@ -41,11 +41,11 @@ from mocapella.tracker.people_memory import (
     FacingResults,
     Float64,
     FrameViews,
-    JointLayout,
     PeopleMemory,
     PeopleParameters,
     Rows,
     UInt8,
+    joint_layout,
 )
 
 GUESS_SD_M_S: Final = 0.1
@@ -153,8 +153,7 @@ class People:
         ends = ends_of_lengths(topology.joints)
         self._ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
         self._parameters = _parameters(settings)
-        trunk = topology.parts["root"], topology.parts["head"]
-        self._layout = JointLayout(self.mirror, *trunk, *_shoulders_and_hips(topology))
+        self._layout = joint_layout(topology, self.mirror)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._body_size = 0 if self._model is None else memory_size(self._model)
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
@@ -410,21 +409,6 @@ class People:
             rows = range(len(self.numbers))
             self.memory = self.memory.resized(rows, len(rows), len(self.sensors))
         return self.sensors.index(sensor)
-
-
-def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
-    """Return the shoulder and hip lines, whose yaw sensors guess; only their joints are turned to the facing.
-
-    Returns:
-        (2, 2) left and right joint of the shoulders, and of the hips (or the shoulders again if there are none); and
-        (joints,) the line of each joint, −1 for none.
-    """
-    parts, joints = topology.parts, topology.joints
-    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
-    there = {"HipLeft", "HipRight"} <= set(joints)
-    hips = (topology.index("HipLeft"), topology.index("HipRight")) if there else shoulders
-    line_of = [0 if joint in shoulders else 1 if joint in hips else -1 for joint in range(len(joints))]
-    return np.array([shoulders, hips]), np.array(line_of)
 
 
 def _parameters(s: PeopleSettings) -> PeopleParameters:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.model.topology import Topology
+
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
@@ -108,6 +110,27 @@ class JointLayout(NamedTuple):
     head: int
     lines: Rows
     line_of: Rows
+
+
+def joint_layout(topology: Topology, mirror: Rows) -> JointLayout:
+    """Return the layout of a topology with the counterparts ``mirror`` (joints,)."""
+    parts = topology.parts
+    return JointLayout(mirror, parts["root"], parts["head"], *_shoulders_and_hips(topology))
+
+
+def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
+    """Return the shoulder and hip lines, whose yaw sensors guess; only their joints are turned to the facing.
+
+    Returns:
+        (2, 2) left and right joint of the shoulders, and of the hips (or the shoulders again if there are none); and
+        (joints,) the line of each joint, −1 for none.
+    """
+    parts, joints = topology.parts, topology.joints
+    shoulders = (parts["shoulder_left"], parts["shoulder_right"])
+    there = {"HipLeft", "HipRight"} <= set(joints)
+    hips = (topology.index("HipLeft"), topology.index("HipRight")) if there else shoulders
+    line_of = [0 if joint in shoulders else 1 if joint in hips else -1 for joint in range(len(joints))]
+    return np.array([shoulders, hips]), np.array(line_of)
 
 
 class FrameViews(NamedTuple):
