@@ -33,7 +33,7 @@ def test_who_bows_or_leans_back_keeps_left_and_right(away: list[PostureResult]) 
     assert [(result.wrong, result.missing, result.warned) for result in away] == [(0, 0, 0)] * 2
     for result in away:
         assert result.frames > 100
-        assert result.fused_m < 0.105
+        assert result.fused_m < 0.1
 
 
 def exchanged(scene: Scene) -> Scene:
