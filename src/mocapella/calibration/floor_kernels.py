@@ -35,6 +35,8 @@ LEANS_COS = 0.94
 """Cosine of the largest angle of an upright back with the direction from the feet to the centre of mass (20°)."""
 STRETCHED = 1.15
 """Least distance of root and feet with stretched legs, in lengths from root to head."""
+LEAST_BACK_M = 0.2
+"""Least distance of head and root of a body that shows a direction [m]."""
 TRACKED = 2
 """Value of `JointState.TRACKED`."""
 
@@ -153,3 +155,31 @@ def _add(sums: Float64, plane: Float64, earlier: Float64, x: Float64, dt: float)
         for k in range(i, 3):
             sums[at] += weight * x[i] * x[k]
             at += 1
+
+
+@njit(cache=True)
+def heads_up(positions: Float64, states: NDArray[np.uint8], root: int, head: int, up: Float64, cosine: float) -> int:
+    """Return how many bodies have the head above the root, less those that have it below.
+
+    Bodies do not count whose back is off the vertical by an angle with a cosine below ``cosine``, or shorter than
+    `LEAST_BACK_M`, nor those of which the sensor does not measure both joints.
+
+    Args:
+        positions: (bodies, joints, 3) in the sensor's frame [m].
+        states: (bodies, joints) `JointState`.
+        root, head: indices of the joints.
+        up: (3,) unit vector upwards.
+        cosine: the least cosine.
+    """
+    count = 0
+    for i in range(len(positions)):
+        p = positions[i]
+        if not (_seen(p[root], states[i, root]) and _seen(p[head], states[i, head])):
+            continue
+        length = _distance(p[head], p[root])
+        above = 0.0
+        for m in range(3):
+            above += (p[head, m] - p[root, m]) * up[m]
+        if length > LEAST_BACK_M and abs(above) > cosine * length:
+            count += 1 if above > 0.0 else -1
+    return count

@@ -8,14 +8,14 @@ difference from the floor on which people walk refutes the stated tilt.
 from __future__ import annotations
 
 import math
-from typing import Final
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.floor import Floor
 from mocapella.model.bodies import Bodies
-from mocapella.model.observations import JointState
 from mocapella.model.session import SensorPose
 
 MOST_S: Final = 20.0
@@ -29,8 +29,7 @@ MOST_OFF: Final = math.radians(30.0)
 SURE_SD: Final = 0.08
 """Standard deviation of the floor's vertical below which people have walked: who stands or lies leaves it larger [rad].
 """
-_UPRIGHT: Final = math.cos(math.radians(45.0))
-_LEAST_M: Final = 0.2
+_UPRIGHT_COS: Final = math.cos(math.radians(45.0))
 
 
 def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) -> float:
@@ -48,14 +47,11 @@ def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) ->
     if not bodies.ids or not dt > 0:
         return evidence_s
     parts = bodies.topology.parts
-    trunk = [parts["head"], parts["root"]]
-    ends = bodies.positions[:, trunk]
-    there = np.isfinite(ends) & (ends != 0).any(axis=2, keepdims=True)  # sensors report joints that are lost at 0
-    measured = there.all(axis=(1, 2)) & (bodies.states[:, trunk] == JointState.TRACKED).all(axis=1)
-    backs = ends[measured, 0] - ends[measured, 1]
-    length, above = np.sqrt((backs**2).sum(axis=1)), backs @ vertical(pose)
-    counts = (length > _LEAST_M) & (np.abs(above) > _UPRIGHT * length)
-    change_s = float(np.sign(above[counts]).sum()) * min(dt, LONGEST_STEP_S)
+    heads = _kernels().heads_up(
+        np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), parts["root"], parts["head"],
+        vertical(pose), _UPRIGHT_COS,
+    )  # fmt: skip
+    change_s = heads * min(dt, LONGEST_STEP_S)
     return min(max(evidence_s + change_s, -MOST_S), MOST_S)
 
 
@@ -87,3 +83,11 @@ def refuted(stated: Floor, walked: Floor | None) -> bool:
         walked: floor from standing feet, of `mocapella.calibration.floor.FloorFromFeet`; None before it is known.
     """
     return walked is not None and walked.up_sd < SURE_SD and bool(stated.up @ walked.up < math.cos(MOST_OFF))
+
+
+@cache
+def _kernels() -> Any:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.calibration import floor_kernels
+
+    return floor_kernels

@@ -132,6 +132,25 @@ class FacingWeights(NamedTuple):
     swap_alone: float
 
 
+class FacingInputs(NamedTuple):
+    """What `mocapella.fusion.facing_kernels.update` takes of a `FacingFilter` for a frame.
+
+    Attributes:
+        slots: (bodies,) row of each body's person in the memory.
+        column: the sensor's column in ``memory.mirrored``.
+        zero: yaw of the first bin [rad].
+        memory: updated in place.
+        model, factors: the facing model's tables, and the weights of the evidence.
+    """
+
+    slots: Int64
+    column: int
+    zero: float
+    memory: FacingArrays
+    model: FacingTables
+    factors: FacingWeights
+
+
 class FacingMemory(msgspec.Struct, eq=False):
     """State of a `FacingFilter`.
 
@@ -267,19 +286,27 @@ class FacingFilter:
             raise ValueError(f"arrays of {bodies} people and {len(self.topology)} joints were expected, not {shapes}")
         if not math.isfinite(at_s):
             raise ValueError(f"a frame at {at_s} s; the time must be finite")
-        memory, slots, column = self.memory, self._slots(people, at_s), self._column(sensor)
-        out = np.empty((5, bodies))
+        inputs, out = self.inputs(sensor, people, at_s), np.empty((5, bodies))
         changed = _kernels().update(
-            slots, column, positions, toward, float(at_s), velocities, memory.zero,
-            FacingArrays(memory.p, memory.at_s, memory.told_s, memory.mirrored, memory.unlike),
-            self._tables, self._weights, out,
+            inputs.slots, inputs.column, positions, toward, float(at_s), velocities, inputs.zero, inputs.memory,
+            inputs.model, inputs.factors, out,
         )  # fmt: skip
-        mirrored = memory.mirrored[slots, column]
+        mirrored = inputs.memory.mirrored[inputs.slots, inputs.column]
         repairs: tuple[Repair, ...] = ()
         if changed:
             which = np.flatnonzero(out[3]).tolist()
             repairs = tuple(Repair(people[n], sensor, float(at_s), bool(mirrored[n])) for n in which)
         return Facings(out[0], out[1], mirrored, out[2], repairs, out[4])
+
+    def inputs(self, sensor: str, people: Sequence[int], at_s: float) -> FacingInputs:
+        """Return what the kernel takes for a frame of these people, each at most once; unknown ones are new.
+
+        The arguments are as in `update`.
+        """
+        slots, column = self._slots(people, at_s), self._column(sensor)
+        m = self.memory
+        memory = FacingArrays(m.p, m.at_s, m.told_s, m.mirrored, m.unlike)
+        return FacingInputs(slots, column, m.zero, memory, self._tables, self._weights)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
         """Predict the facings of people at the time ``at_s`` on the common clock [s], without changing the state.

@@ -403,7 +403,7 @@ class DefaultTracker:
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Return the confirmed people who were seen recently, with the views that are recent enough."""
         tracks, results = self._tracks.memory, people.results(self._T_world_root, self._now_s)
-        views, states = self._follow_views(heard, people, results), people.memory.states.copy()
+        views, states = self._follow_views(heard, people, results), results.states
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
         said, drawn = people.conditions(), [tuple(one.values()) for one in views]
         return tuple(

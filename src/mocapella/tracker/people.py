@@ -6,7 +6,7 @@
     steady    = smooth(measured)        filter; the prediction is part of the estimate
 
 State is in arrays with one row per person and one column per sensor (`mocapella.tracker.people_memory`), so a frame
-takes a few compiled calls, however many bodies it has.
+takes one compiled call, however many bodies it has.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_body import conditions_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
-from mocapella.model.observations import BodyFrame, JointState
+from mocapella.model.observations import BodyFrame
 from mocapella.model.scene import PotentialSkeleton
 from mocapella.model.session import SensorPose
 from mocapella.model.topology import Topology
@@ -38,7 +38,6 @@ from mocapella.smoothing.kalman import KalmanSettings
 from mocapella.smoothing.one_euro import OneEuroSettings
 from mocapella.tracker.people_memory import (
     Bools,
-    FacingResults,
     Float64,
     FrameViews,
     PeopleMemory,
@@ -48,13 +47,6 @@ from mocapella.tracker.people_memory import (
     joint_layout,
 )
 
-GUESS_SD_M_S: Final = 0.1
-"""Growth of an inferred joint's least standard deviation with the time since it was measured [m/s]: a sensor that
-guesses the legs behind a desk repeats one error in all its frames."""
-MOST_GUESS_SD_M: Final = 0.3
-"""Largest value of it, about half the reach of a limb [m]."""
-UNSURE_SD: Final = 1.2
-"""Standard deviation of a facing above which it does not decide which of the sensors is right [rad]."""
 UNSURE_S: Final = 3.0
 """Time for which sensors must disagree without a decision until the person says so [s]."""
 UNSURE: Final = "sensors disagree about left and right: stand upright, or turn the chest to one of them"
@@ -128,7 +120,8 @@ class PeopleSettings:
 class People:
     """Fuses and smooths the views of all tracked people, whom `mocapella.association.tracks.Tracks` identifies.
 
-    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `update`, then `results`. The *space
+    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `column`, `update`,
+    then `results`. The *space
     of the people*, the frame of reference of all state, is chosen by the caller.
 
     Args:
@@ -233,53 +226,37 @@ class People:
         )  # fmt: skip
         return out
 
-    def update(self, frame: AssignedBodies, at_s: float) -> None:
+    def column(self, sensor: str) -> int:
+        """Return the sensor's column; an unknown one gets a new column."""
+        if sensor not in self.sensors:
+            self.sensors = [*self.sensors, sensor]
+            rows = range(len(self.numbers))
+            self.memory = self.memory.resized(rows, len(rows), len(self.sensors))
+        return self.sensors.index(sensor)
+
+    def update(self, frame: FrameViews, at_s: float) -> None:
         """Process one frame: predict all people, then fuse and smooth those in the frame. `results` returns them.
 
         Args:
-            frame: the frame's bodies, each assigned to a person; may be empty. An unknown sensor gets a new column.
+            frame: the frame's bodies, each assigned to a person; may be empty.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
         """
-        s, kernels, rows, column = self.settings, _kernels(), frame.rows, self._column(frame.sensor)
-        m, fusion, layout = self.memory, s.fusion.parameters, self._layout
-        points, views, skeletons = m.points, m.views, m.skeletons
-        new = FrameViews(
-            rows, column, frame.at_s, frame.positions, frame.states, frame.own_positions, frame.bias,
-            frame.sensor_position, frame.clipped, frame.noise, frame.scale_sd,
-        )  # fmt: skip
-        bodies, toward, velocities, dts = kernels.observe(
-            new, at_s, self._parameters, fusion, layout, self.R_level, points, views
-        )
-        m.view_id[rows, column] = frame.ids
-        if self._facing is None:
-            m.view_mirrored[rows, column] = m.view_swapped[rows, column]
-        elif len(rows):
-            people = [self.numbers[row] for row in rows.tolist()]
-            f = self._facing.update(frame.sensor, people, bodies, toward, frame.at_s, velocities)
-            results = FacingResults(bodies, f.yaw, f.sd, f.mirrored, f.reported, f.unlike, toward, velocities)
-            kernels.turn_views(rows, column, dts, self._parameters, layout.lines, results, m.yaw, views)
-            self._note_unsure(rows, f.sd, at_s)
-        measured, doubts = kernels.make(
-            rows, len(self.sensors), at_s, self._parameters, fusion, layout, self.up, points, views, skeletons
-        )
-        m.measured_s[m.states == JointState.TRACKED] = at_s
+        s, m, facing, model = self.settings, self.memory, None, None
+        if self._facing is not None:
+            people = [self.numbers[row] for row in frame.rows.tolist()]
+            facing = self._facing.inputs(self.sensors[frame.column], people, frame.at_s)
         if self._model is not None:
-            rigidity = kernels.rigidity_of(rows, at_s, s.view_age_s, views)
-            kernels.pose_people(rows, self._model.arrays, m.body, measured, doubts, at_s, rigidity, m.steady, m.doubts)
+            model = self._model.arrays
+        measured = _step_kernels().step(
+            frame, at_s, self._parameters, s.fusion.parameters, self._layout, self.R_level, m.points, m.views,
+            m.skeletons, facing, model, m.body,
+        )  # fmt: skip
         if s.smoothing == "one-euro":
             e = s.one_euro
-            kernels.smooth_people(
-                rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, measured, at_s,
+            _kernels().smooth_people(
+                frame.rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, measured, at_s,
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
-
-    def _note_unsure(self, rows: Rows, sd: Float64, at_s: float) -> None:
-        """Note since when the sensors have disagreed about left and right while the facing does not decide it."""
-        m = self.memory
-        used = at_s - m.view_at[rows] <= self.settings.view_age_s
-        swapped = m.view_mirrored[rows]
-        unsure = (used & swapped).any(axis=1) & (used & ~swapped).any(axis=1) & (sd > UNSURE_SD)
-        m.unsure_s[rows] = np.where(unsure, np.minimum(m.unsure_s[rows], at_s), np.inf)
 
     def results(self, T: Float64, at_s: float) -> PeopleResults:
         """Return all people and the views in use, in new arrays; the state does not change.
@@ -289,16 +266,11 @@ class People:
             at_s: present time on the common clock, for the age of views [s].
         """
         m = self.memory
-        results = _kernels().report(
-            np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
+        return PeopleResults(
+            *_step_kernels().report(
+                np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
+            )
         )
-        positions, sd, views, fresh = results
-        unknown = m.states == JointState.NOT_TRACKED  # the body model extrapolates them without an end
-        positions[unknown], sd[unknown] = np.nan, np.nan
-        guessed = m.states == JointState.INFERRED
-        drift_m = np.minimum(GUESS_SD_M_S * (at_s - m.measured_s[guessed]), MOST_GUESS_SD_M)
-        sd[guessed] = np.maximum(sd[guessed], drift_m)
-        return PeopleResults(positions, sd, views, fresh)
 
     def views_of(
         self, results: PeopleResults, sensor: str, time_ns: int, pose: BodyFrame | SensorPose, T: Float64
@@ -403,13 +375,6 @@ class People:
             self._facing.join(stays, gone)
         self.arrange([number for number in self.numbers if number != gone])
 
-    def _column(self, sensor: str) -> int:
-        if sensor not in self.sensors:
-            self.sensors = [*self.sensors, sensor]
-            rows = range(len(self.numbers))
-            self.memory = self.memory.resized(rows, len(rows), len(self.sensors))
-        return self.sensors.index(sensor)
-
 
 def _parameters(s: PeopleSettings) -> PeopleParameters:
     """Return the settings as floats for the kernels, which another type would compile again."""
@@ -443,6 +408,7 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         positions: (people, joints, 3) smoothed positions [m]; NaN where not known.
         sd: (people, joints) float32, standard deviation of a coordinate [m]; NaN where not known.
+        states: (people, joints) `JointState`.
         views: (people, sensors, joints, 3) each sensor's view, with its own labels [m]; arbitrary where ``fresh`` is
             False.
         fresh: (people, sensors) whether the view is in use.
@@ -450,33 +416,9 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
 
     positions: Float64
     sd: NDArray[np.float32]
+    states: UInt8
     views: Float64
     fresh: Bools
-
-
-class AssignedBodies(msgspec.Struct, frozen=True, eq=False):
-    """A frame's bodies, each assigned to a person.
-
-    Attributes:
-        sensor: name of the sensor.
-        rows: (bodies,) row of each body's person, each once.
-        ids: (bodies,) tracking ids.
-        at_s, positions, states, own_positions, bias, sensor_position, clipped, noise, scale_sd: see
-            `mocapella.tracker.people_memory.FrameViews`.
-    """
-
-    sensor: str
-    rows: Rows
-    ids: Sequence[int]
-    at_s: float
-    positions: Float64
-    states: UInt8
-    own_positions: Float64
-    bias: Float64
-    sensor_position: Float64
-    clipped: Bools
-    noise: float
-    scale_sd: float
 
 
 @cache
@@ -485,6 +427,14 @@ def _kernels() -> Any:
     from mocapella.tracker import people_kernels
 
     return people_kernels
+
+
+@cache
+def _step_kernels() -> Any:
+    """Return the compiled step of a frame."""
+    from mocapella.tracker import people_step_kernels
+
+    return people_step_kernels
 
 
 @cache

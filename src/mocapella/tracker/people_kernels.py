@@ -33,11 +33,10 @@ from mocapella.tracker.people_memory import (
     SkeletonArrays,
     ViewArrays,
 )
-from mocapella.tracker.people_view_kernels import follow_labels, move_views, see, to_level, turn, turn_views
+from mocapella.tracker.people_view_kernels import follow_labels, move_views, see, to_level, turn
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
 Int64 = NDArray[np.int64]
 
 _LONGEST_STEP_S = 0.2
@@ -45,8 +44,8 @@ _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
 __all__ = [
-    "begin_offsets", "bring", "make", "move", "move_views", "observe", "pose_people", "prepare", "report",
-    "rigidity_of", "smooth_people", "turn", "turn_views",
+    "begin_offsets", "bring", "make", "move", "move_points", "move_views", "observe", "pose_people", "prepare",
+    "rigidity_of", "smooth_people", "turn",
 ]  # fmt: skip
 
 
@@ -446,35 +445,3 @@ def smooth_people(
             if at_s - euro_seen_s[r, j] <= view_age_s:
                 for k in range(3):
                     steady[r, j, k] = euro_positions[r, j, k]
-
-
-@njit(cache=True)
-def report(
-    T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64
-) -> tuple[Float64, NDArray[np.float32], Float64, Bools]:
-    """Transform all people and views by ``T`` (4, 4) for output.
-
-    Args:
-        T: (4, 4) from the space of the people to the space of the results.
-        now_s: newest capture time so far, on the common clock [s].
-        view_age_s: age of the oldest view in use [s].
-        skeletons: the fused skeletons.
-        view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
-            [m].
-
-    Returns:
-        (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], (people,
-        sensors, joints, 3) each sensor's view [m], and (people, sensors) whether the view is in use; new arrays.
-    """
-    people, sensors, joints = view_positions.shape[:3]
-    positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
-    views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
-    for r in range(people):
-        move_points(T, skeletons.steady[r], positions[r])
-        for j in range(joints):
-            sd[r, j] = np.sqrt(skeletons.doubts[r, j])
-        for c in range(sensors):
-            fresh[r, c] = now_s - view_at[r, c] <= view_age_s
-            if fresh[r, c]:
-                move_points(T, view_positions[r, c], views[r, c])
-    return positions, sd, views, fresh

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,15 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 Rows = NDArray[np.int64]
+Ids = NDArray[np.uint64]
+
+GUESS_SD_M_S: Final = 0.1
+"""Growth of an inferred joint's least standard deviation with the time since it was measured [m/s]: a sensor that
+guesses the legs behind a desk repeats one error in all its frames."""
+MOST_GUESS_SD_M: Final = 0.3
+"""Largest value of it, about half the reach of a limb [m]."""
+UNSURE_SD: Final = 1.2
+"""Standard deviation of a facing above which it does not decide which of the sensors is right [rad]."""
 
 
 class PointArrays(NamedTuple):
@@ -44,6 +53,7 @@ class ViewArrays(NamedTuple):
 
     Attributes:
         at_s: capture time on the common clock [s]; −inf where there is no view.
+        id: tracking id.
         positions, states, variances: (..., joints, 3) in the space of the people [m], (..., joints) `JointState`,
             (..., joints) variance of a coordinate [m²]; with the sensor's labels.
         noise: (..., joints) learnt noise variance of a coordinate [m²].
@@ -61,6 +71,7 @@ class ViewArrays(NamedTuple):
     """
 
     at_s: Float64
+    id: Ids
     positions: Float64
     states: UInt8
     variances: Float64
@@ -86,6 +97,9 @@ class SkeletonArrays(NamedTuple):
         fused_s: (people,) time of the last fusion of views, on the common clock [s].
         steady: (people, joints, 3) smoothed positions, which the tracker reports [m].
         doubts: (people, joints) variance of a coordinate of ``steady`` [m²].
+        unsure_s: (people,) time since which sensors have disagreed about left and right without a decision [s];
+            infinite if they do not.
+        measured_s: (people, joints) time at which a sensor measured the joint last [s]; −inf if none has.
     """
 
     yaw: Float64
@@ -93,6 +107,8 @@ class SkeletonArrays(NamedTuple):
     fused_s: Float64
     steady: Float64
     doubts: Float64
+    unsure_s: Float64
+    measured_s: Float64
 
 
 class JointLayout(NamedTuple):
@@ -137,7 +153,8 @@ class FrameViews(NamedTuple):
     """A frame's bodies that are assigned to people.
 
     Attributes:
-        rows: (bodies,) row of each body's person.
+        rows: (bodies,) row of each body's person, each once.
+        ids: (bodies,) tracking ids.
         column: column of the sensor.
         at_s: capture time on the common clock [s].
         positions: (bodies, joints, 3) in the space of the people, the root sensor's camera space [m]; NaN where not
@@ -151,6 +168,7 @@ class FrameViews(NamedTuple):
     """
 
     rows: Rows
+    ids: Ids
     column: int
     at_s: float
     positions: Float64
@@ -220,10 +238,8 @@ class PeopleMemory:
     Attributes:
         at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
             `PointArrays` for shapes and units.
-        fused_s, steady, doubts, states, yaw: the fused and smoothed skeletons that scenes report, see `SkeletonArrays`.
-        unsure_s: (people,) time since which sensors have disagreed about left and right without a decision [s];
-            infinite if they do not.
-        measured_s: (people, joints) time at which a sensor measured the joint last [s]; −inf if none has.
+        fused_s, steady, doubts, states, yaw, unsure_s, measured_s: the fused and smoothed skeletons that scenes report,
+            see `SkeletonArrays`.
         body: (people, …) state of the articulated body.
         euro_positions, euro_velocities, euro_seen_s: (people, joints, 3) [m], (people, joints, 3) [m/s],
             (people, joints) [s]: state of the 1-euro filter.
@@ -245,7 +261,7 @@ class PeopleMemory:
     euro_velocities: Float64
     euro_seen_s: Float64
     view_at: Float64
-    view_id: NDArray[np.uint64]
+    view_id: Ids
     view_positions: Float64
     view_states: UInt8
     view_variances: Float64
@@ -350,13 +366,14 @@ class PeopleMemory:
     def views(self) -> ViewArrays:
         """Fields of the views, not copies, for the kernels."""
         return ViewArrays(
-            self.view_at, self.view_positions, self.view_states, self.view_variances, self.view_noise,
-            self.view_rigidity, self.view_bias, self.view_mirrored, self.view_swapped,
-            self.view_advantage, self.view_toward, self.view_reported, self.view_unlike, self.view_turn,
-            self.view_offsets,
+            self.view_at, self.view_id, self.view_positions, self.view_states, self.view_variances, self.view_noise,
+            self.view_rigidity, self.view_bias, self.view_mirrored, self.view_swapped, self.view_advantage,
+            self.view_toward, self.view_reported, self.view_unlike, self.view_turn, self.view_offsets,
         )  # fmt: skip
 
     @property
     def skeletons(self) -> SkeletonArrays:
         """Fields of the fused skeletons, not copies, for the kernels."""
-        return SkeletonArrays(self.yaw, self.states, self.fused_s, self.steady, self.doubts)
+        return SkeletonArrays(
+            self.yaw, self.states, self.fused_s, self.steady, self.doubts, self.unsure_s, self.measured_s
+        )

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from mocapella.association.tracks import Tracks
 from mocapella.model.bodies import Bodies
 from mocapella.model.observations import BodyFrame
-from mocapella.tracker.people import AssignedBodies, People
+from mocapella.tracker.people import People
+from mocapella.tracker.people_memory import FrameViews
 
 Float64 = NDArray[np.float64]
 
@@ -55,9 +56,8 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     if frame.clipped_edges.any():
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
-    there = np.ascontiguousarray(T[:3, 3])
-    frame_bodies = AssignedBodies(
-        bodies.sensor, rows, ids, at_s, positions, states, own, bias, there, clipped, frame.topology.noise,
-        frame.topology.scale_sd,
+    new = FrameViews(
+        rows, np.array(ids, dtype=np.uint64), people.column(bodies.sensor), at_s, positions, states, own, bias,
+        np.ascontiguousarray(T[:3, 3]), clipped, frame.topology.noise, frame.topology.scale_sd,
     )  # fmt: skip
-    people.update(frame_bodies, now_s)
+    people.update(new, now_s)

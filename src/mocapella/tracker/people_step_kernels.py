@@ -1,0 +1,168 @@
+"""A frame of `mocapella.tracker.people` in one compiled call, and the people in another; importing it imports numba.
+
+See `mocapella.tracker.people_memory` for the arrays.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.compiled import njit
+from mocapella.fusion.facing import FacingInputs
+from mocapella.fusion.facing_kernels import update as update_facings
+from mocapella.fusion.weighted_mean import FusionParameters
+from mocapella.kinematics.articulated_model import BodyArrays
+from mocapella.model.observations import JointState
+from mocapella.tracker.people_kernels import make, move_points, observe, pose_people, rigidity_of
+from mocapella.tracker.people_memory import (
+    GUESS_SD_M_S,
+    MOST_GUESS_SD_M,
+    UNSURE_SD,
+    FacingResults,
+    FrameViews,
+    JointLayout,
+    PeopleParameters,
+    PointArrays,
+    SkeletonArrays,
+    ViewArrays,
+)
+from mocapella.tracker.people_view_kernels import turn_views
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Int64 = NDArray[np.int64]
+
+_NOT_TRACKED, _INFERRED, _TRACKED = (
+    int(JointState.NOT_TRACKED), int(JointState.INFERRED), int(JointState.TRACKED),
+)  # fmt: skip
+
+
+@njit(cache=True)
+def step(
+    frame: FrameViews,
+    now_s: float,
+    parameters: PeopleParameters,
+    fusion: FusionParameters,
+    layout: JointLayout,
+    R_level: Float64,
+    points: PointArrays,
+    views: ViewArrays,
+    skeletons: SkeletonArrays,
+    facing: FacingInputs | None,
+    model: BodyArrays | None,
+    body: Float64,
+) -> Float64:
+    """Predict all people, then store a frame's views, decide their labels, and fuse and smooth the persons in it.
+
+    Args:
+        frame: the bodies.
+        now_s: newest capture time so far, on the common clock [s].
+        parameters, fusion: the settings.
+        layout: joints with a special role.
+        R_level: (3, 3) from the space of the people to one with y up.
+        points, views, skeletons: updated.
+        facing: the facing filter, updated; None uses the labels on which the sensors agree.
+        model: the articulated body; None leaves the skeletons as the Kalman filter has them.
+        body: (people, …) state of the body in a row for each person, updated.
+
+    Returns:
+        The fused positions of the persons in the frame (bodies, joints, 3) [m]; NaN where no view has the joint.
+    """
+    rows, column = frame.rows, frame.column
+    level, toward, velocities, dts = observe(frame, now_s, parameters, fusion, layout, R_level, points, views)
+    for b in range(len(rows)):
+        views.id[rows[b], column] = frame.ids[b]
+    if facing is None:
+        for b in range(len(rows)):
+            views.mirrored[rows[b], column] = views.swapped[rows[b], column]
+    else:
+        out, mirrored = np.empty((5, len(rows))), np.empty(len(rows), dtype=np.bool_)
+        update_facings(
+            facing.slots, facing.column, level, toward, frame.at_s, velocities, facing.zero, facing.memory,
+            facing.model, facing.factors, out,
+        )  # fmt: skip
+        for b in range(len(rows)):
+            mirrored[b] = facing.memory.mirrored[facing.slots[b], facing.column]
+        results = FacingResults(level, out[0], out[1], mirrored, out[2], out[4], toward, velocities)
+        turn_views(rows, column, dts, parameters, layout.lines, results, skeletons.yaw, views)
+        note_unsure(rows, out[1], now_s, parameters.view_age_s, views, skeletons.unsure_s)
+    up = R_level[1]
+    measured, variances = make(
+        rows, views.at_s.shape[1], now_s, parameters, fusion, layout, up, points, views, skeletons
+    )
+    for r in range(len(skeletons.states)):
+        for j in range(len(layout.mirror)):
+            if skeletons.states[r, j] == _TRACKED:
+                skeletons.measured_s[r, j] = now_s
+    if model is not None:
+        rigidity = rigidity_of(rows, now_s, parameters.view_age_s, views)
+        pose_people(rows, model, body, measured, variances, now_s, rigidity, skeletons.steady, skeletons.doubts)
+    return measured
+
+
+@njit(cache=True)
+def note_unsure(
+    rows: Int64, sd: Float64, now_s: float, view_age_s: float, views: ViewArrays, unsure_s: Float64
+) -> None:
+    """Note since when the sensors have disagreed about left and right while the facing does not decide it.
+
+    Args:
+        rows: (bodies,) row of each body's person.
+        sd: (bodies,) standard deviation of their facings [rad].
+        now_s: newest capture time so far, on the common clock [s].
+        view_age_s: age of the oldest view in use [s].
+        views: the newest views.
+        unsure_s: (people,) the time, updated [s]; infinite if they do not disagree.
+    """
+    for b in range(len(rows)):
+        r, exchanged, straight = rows[b], False, False
+        for c in range(views.at_s.shape[1]):
+            if now_s - views.at_s[r, c] <= view_age_s:
+                exchanged = exchanged or views.mirrored[r, c]
+                straight = straight or not views.mirrored[r, c]
+        unsure = exchanged and straight and sd[b] > UNSURE_SD
+        unsure_s[r] = min(unsure_s[r], now_s) if unsure else np.inf
+
+
+@njit(cache=True)
+def report(
+    T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64
+) -> tuple[Float64, NDArray[np.float32], UInt8, Float64, Bools]:
+    """Transform all people and views by ``T`` (4, 4) for output.
+
+    An inferred joint's standard deviation is at least what a sensor's guess may be off after that time.
+
+    Args:
+        T: (4, 4) from the space of the people to the space of the results.
+        now_s: newest capture time so far, on the common clock [s].
+        view_age_s: age of the oldest view in use [s].
+        skeletons: the fused skeletons.
+        view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
+            [m].
+
+    Returns:
+        (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], both NaN for
+        a joint that is not tracked, (people, joints) `JointState`, (people, sensors, joints, 3) each sensor's view [m],
+        and (people, sensors) whether the view is in use; new arrays.
+    """
+    people, sensors, joints = view_positions.shape[:3]
+    positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
+    views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
+    states = skeletons.states.copy()
+    for r in range(people):
+        move_points(T, skeletons.steady[r], positions[r])
+        for j in range(joints):
+            sd[r, j] = np.sqrt(skeletons.doubts[r, j])
+            if states[r, j] == _NOT_TRACKED:  # the body model extrapolates them without an end
+                positions[r, j], sd[r, j] = np.nan, np.nan
+            elif states[r, j] == _INFERRED:
+                drift_m = min(GUESS_SD_M_S * (now_s - skeletons.measured_s[r, j]), MOST_GUESS_SD_M)
+                sd[r, j] = max(sd[r, j], np.float32(drift_m))
+        for c in range(sensors):
+            fresh[r, c] = now_s - view_at[r, c] <= view_age_s
+            if fresh[r, c]:
+                move_points(T, view_positions[r, c], views[r, c])
+    return positions, sd, states, views, fresh
