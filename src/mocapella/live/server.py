@@ -41,7 +41,7 @@ from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, folder_problem, free_name, next_name, take_path
-from mocapella.schema import decode_frame, encode_scene
+from mocapella.schema import SceneEncoder, decode_frame
 from mocapella.supervision import Boundary
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import ServerLink
@@ -119,6 +119,7 @@ class Server:
         self._revision = self._nonsense = 0
         self._inbox = Inbox()
         self._commands = CommandQueue()
+        self._encoder = SceneEncoder()
         self._registry = SensorRegistry()
         self._lock = threading.RLock()
         self._stepping = threading.RLock()
@@ -246,7 +247,7 @@ class Server:
         if scene is None:
             self.summary.untracked += 1
             return
-        data = encode_scene(scene)
+        data = self._encoder.encode(scene)
         self._link.publish_scene(data)
         done_ns = time.monotonic_ns()
         if recorder is not None:

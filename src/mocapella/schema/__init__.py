@@ -6,12 +6,13 @@ It is a package of its own because the wire and the recording need it, and neith
 from mocapella.conventions import SCHEMA_VERSION
 from mocapella.schema.checks import MAX_BODIES, MAX_MESSAGE_BYTES, MAX_SCENE_BYTES
 from mocapella.schema.frames import decode_frame, encode_frame, format_of
-from mocapella.schema.scenes import decode_scene, decode_truth, encode_scene, encode_truth
+from mocapella.schema.scenes import SceneEncoder, decode_scene, decode_truth, encode_scene, encode_truth
 
 __all__ = [
     "MAX_BODIES",
     "MAX_MESSAGE_BYTES",
     "MAX_SCENE_BYTES",
+    "SceneEncoder",
     "SCHEMA_VERSION",
     "decode_frame",
     "decode_scene",

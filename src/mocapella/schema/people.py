@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,27 @@ from mocapella.model.topology import Topology
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import F4, F8, STATES, choices, deviations, points, sensor_name, sensor_pose, transform
 
+Remember = Callable[[Any, Callable[[Any], Any]], Any]
+"""Returns the message of an object, given the function that encodes it."""
 
-def encode_person(person: Person) -> Any:
-    """Encode a person as a protobuf message, with the fused skeleton and the views, as a part of a scene's message."""
+
+def encode_anew(content: Any, encode: Callable[[Any], Any]) -> Any:
+    """Return the object's message, encoded now: the `Remember` that remembers nothing."""
+    return encode(content)
+
+
+def encode_person(person: Person, remember: Remember = encode_anew) -> Any:
+    """Encode a person as a protobuf message, with the fused skeleton and the views, as a part of a scene's message.
+
+    Args:
+        person: the person.
+        remember: returns the message of each view.
+    """
     return pb.Person(
         id=person.id,
         positions_m=person.positions.astype(F8, copy=False).tobytes(),
         joint_states=person.states.tobytes(),
-        views=[_encode_view(view) for view in person.views],
+        views=[remember(view, _encode_view) for view in person.views],
         joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
         name=person.name,
         condition=person.condition,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, Final
 
@@ -31,14 +31,44 @@ from mocapella.schema.checks import (
     sensor_name,
     transform,
 )
+from mocapella.schema.people import Remember, encode_anew, encode_person
 
 _PHASES: Final = {phase.value: phase for phase in Phase}
 _SINGLE: Final = frozenset({"points"})
 """Fields of a message ``Scene`` with at most one part."""
 
 
+class SceneEncoder:
+    """Encodes a tracker's scenes as `encode_scene` does, and keeps the messages of what the next scene has again.
+
+    A tracker's scene has the same objects as the one before, except for those of the newest frame. The arrays of a
+    scene must not be changed once it is encoded.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[int, tuple[Any, Any]] = {}
+
+    def encode(self, scene: Scene) -> bytes:
+        """Encode the next scene as a protobuf message."""
+        before, kept = self._kept, {}
+
+        def remember(content: Any, encode: Callable[[Any], Any]) -> Any:
+            known = before.get(id(content))
+            if known is None or known[0] is not content:
+                known = content, encode(content)
+            kept[id(content)] = known
+            return known[1]
+
+        self._kept = kept
+        return _encode(scene, remember)
+
+
 def encode_scene(scene: Scene) -> bytes:
     """Encode a scene as a protobuf message; equal scenes give equal bytes. Parts of unknown types stay unchanged."""
+    return _encode(scene, encode_anew)
+
+
+def _encode(scene: Scene, remember: Remember) -> bytes:
     state = scene.state
     message = pb.Scene(
         schema_version=SCHEMA_VERSION,
@@ -53,8 +83,8 @@ def encode_scene(scene: Scene) -> bytes:
         frames_remaining=state.frames_remaining,
         frames_wanted=state.frames_wanted,
         reason=state.reason,
-        sensors=[_encode_place(place) for place in scene.sensors],
-        **_encode_parts(scene.parts),
+        sensors=[remember(place, _encode_place) for place in scene.sensors],
+        **_encode_parts(scene.parts, remember),
     )
     return message.SerializeToString()
 
@@ -88,7 +118,7 @@ def decode_scene(data: bytes) -> Scene:
     )
 
 
-def _encode_parts(parts: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+def _encode_parts(parts: Mapping[str, tuple[Any, ...]], remember: Remember) -> dict[str, Any]:
     """Return the fields of a message ``Scene`` for a scene's parts."""
     fields: dict[str, Any] = {}
     others: list[Any] = []
@@ -99,7 +129,9 @@ def _encode_parts(parts: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
         elif not kind.field:
             others += [pb.OtherPart(kind=name, content=kind.encode(part)) for part in some]
         elif some:
-            written = [kind.encode(part) for part in some]
+            written = [
+                encode_person(part, remember) if kind.encode is encode_person else kind.encode(part) for part in some
+            ]
             fields[kind.field] = written[0] if kind.field in _SINGLE else written
     return {**fields, "parts": others} if others else fields
 
