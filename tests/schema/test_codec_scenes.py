@@ -13,11 +13,12 @@ from support.messages import small_scene
 
 from mocapella.errors import SchemaVersionError, WireError
 from mocapella.model.limits import COORDINATE
-from mocapella.model.scene import Phase, Scene, TrackerState
+from mocapella.model.scene import Phase, PotentialSkeleton, Scene, SensorPlace, TrackerState
 from mocapella.model.topology import topology
 from mocapella.model.truth import Truth
-from mocapella.schema import MAX_SCENE_BYTES, decode_scene, decode_truth, encode_scene, encode_truth
+from mocapella.schema import MAX_SCENE_BYTES, SceneEncoder, decode_scene, decode_truth, encode_scene, encode_truth
 from mocapella.schema import mocapella_pb2 as pb
+from mocapella.schema.people import encode_view
 
 
 def assert_same(a: Any, b: Any) -> None:
@@ -55,6 +56,46 @@ def test_a_scene_comes_back_as_it_was(people: int, phase: Phase, reason: str) ->
     data = encode_scene(scene)
     assert_same(scene, decode_scene(data))
     assert encode_scene(decode_scene(data)) == data
+
+
+@given(st.lists(st.sets(st.sampled_from(["place", "view", "person"])), min_size=1, max_size=8))
+@settings(max_examples=30)
+def test_an_encoder_of_successive_scenes_writes_each_as_it_is_written_alone(changes: list[set[str]]) -> None:
+    """Whatever the next scene has anew, or has as the same object, the bytes are those of the scene."""
+    encoder, scene = SceneEncoder(), small_scene(2)
+    assert encoder.encode(scene) == encode_scene(scene)
+    for step, change in enumerate(changes):
+        (one, *others), places = scene.people, scene.sensors
+        if "view" in change:
+            view = msgspec.structs.replace(one.views[0], time_ns=step, positions=one.views[0].positions + step)
+            one = msgspec.structs.replace(one, views=(view, *one.views[1:]))
+        if "person" in change:
+            one = msgspec.structs.replace(one, positions=one.positions + step, views=one.views[::-1])
+        if "place" in change:
+            places = (*places[1:], SensorPlace(f"new {step}", None))
+        scene = msgspec.structs.replace(
+            scene, step=step, parts={**scene.parts, "people": (one, *others)}, sensors=places
+        )
+        assert encoder.encode(scene) == encode_scene(scene)
+
+
+def test_an_encoder_writes_what_stays_once_and_forgets_what_the_last_scene_had_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    written: list[str] = []
+
+    def noted(view: PotentialSkeleton) -> Any:
+        written.append(view.sensor)
+        return encode_view(view)
+
+    monkeypatch.setattr("mocapella.schema.people.encode_view", noted)
+    encoder, scene = SceneEncoder(), small_scene(1)
+    nobody = msgspec.structs.replace(scene, parts={})
+    for one in (scene, scene, nobody, scene):
+        encoder.encode(one)
+    views = [view.sensor for view in scene.people[0].views]
+    assert views
+    assert written == 2 * views
 
 
 @given(st.integers(0, 3), st.integers(0, 3))

@@ -11,9 +11,17 @@ from support.walking_people import KINECT_V2
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y, rotation_about_z
 from mocapella.tracker import people_kernels as kernels
-from mocapella.tracker.people import UNSURE, UNSURE_S, UNSURE_SD, People, PeopleSettings
-from mocapella.tracker.people_memory import FacingResults, PeopleMemory, PeopleParameters, PointArrays, ViewArrays
-from mocapella.tracker.people_view_kernels import WALKS_COS, to_level
+from mocapella.tracker.people import UNSURE, UNSURE_S, People, PeopleSettings
+from mocapella.tracker.people_memory import (
+    UNSURE_SD,
+    FacingResults,
+    PeopleMemory,
+    PeopleParameters,
+    PointArrays,
+    ViewArrays,
+)
+from mocapella.tracker.people_step_kernels import note_unsure
+from mocapella.tracker.people_view_kernels import WALKS_COS, to_level, turn_views
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -63,9 +71,7 @@ class View:
             joints[None], np.array([yaw]), np.array([sd]), np.array([mirrored]), np.array([reported]),
             np.array([unlike]), np.zeros(1), np.array([[speed, 0.0, 0.0]]),
         )  # fmt: skip
-        kernels.turn_views(
-            np.arange(1), 0, np.full(1, DT), PARAMETERS, LINES, facing, self.yaw, view_arrays(**vars(self))
-        )
+        turn_views(np.arange(1), 0, np.full(1, DT), PARAMETERS, LINES, facing, self.yaw, view_arrays(**vars(self)))
 
 
 def view_arrays(**arrays: np.ndarray) -> ViewArrays:
@@ -216,12 +222,18 @@ def unsure_people(mirrored: tuple[bool, bool], ages: tuple[float, float] = (0.0,
     return people
 
 
+def judge(people: People, sd: float, at_s: float) -> None:
+    """Note whether the sensors disagree, with a facing of this standard deviation [rad]."""
+    m = people.memory
+    note_unsure(np.zeros(1, np.int64), np.array([sd]), at_s, people.settings.view_age_s, m.views, m.unsure_s)
+
+
 def says(people: People, sd: float) -> bool:
     """Whether the person has the condition after the sensors have disagreed for longer than it takes."""
     for at_s in (10.0, 10.0 + 1.1 * UNSURE_S):
         ages = 10.0 - people.memory.view_at if at_s == 10.0 else people.memory.view_at * 0
         people.memory.view_at[:] = at_s - ages
-        people._note_unsure(np.zeros(1, np.int64), np.array([sd]), at_s)
+        judge(people, sd, at_s)
         people.memory.fused_s[:] = at_s
     return people.conditions() == [UNSURE]
 
@@ -242,13 +254,13 @@ def test_a_person_says_that_sensors_disagree_about_sides_only_while_nothing_deci
     people = unsure_people(mirrored)
     assert people.conditions() == [""]
     assert says(people, sd) is said
-    people._note_unsure(np.zeros(1, np.int64), np.array([0.3]), 20.0)
+    judge(people, 0.3, 20.0)
     assert people.conditions() == [""], "it clears at once"
 
 
 def test_an_old_view_disagrees_with_nobody() -> None:
     people = unsure_people((True, False), (0.0, 1.0))
-    people._note_unsure(np.zeros(1, np.int64), np.array([9.0]), 10.0)
+    judge(people, 9.0, 10.0)
     assert np.isposinf(people.memory.unsure_s).all()
 
 

@@ -26,7 +26,8 @@ from mocapella.model.skeleton import SKELETON
 from mocapella.sources.simulate import Box, PersonSettings, SceneSettings, SimulatedSensor, build_room, merge
 from mocapella.testing.walking import walking_arrivals
 from mocapella.tracker.default import DefaultTracker
-from mocapella.tracker.people import GUESS_SD_M_S, MOST_GUESS_SD_M, UNSURE
+from mocapella.tracker.people import UNSURE
+from mocapella.tracker.people_memory import GUESS_SD_M_S, MOST_GUESS_SD_M
 
 MIRROR = np.array(SKELETON.mirror)
 SIDED = np.arange(len(SKELETON)) != MIRROR

@@ -33,7 +33,7 @@ def encode_person(person: Person, remember: Remember = encode_anew) -> Any:
         id=person.id,
         positions_m=person.positions.astype(F8, copy=False).tobytes(),
         joint_states=person.states.tobytes(),
-        views=[remember(view, _encode_view) for view in person.views],
+        views=[remember(view, encode_view) for view in person.views],
         joint_sd_m=b"" if person.sd is None else person.sd.astype(F4, copy=False).tobytes(),
         name=person.name,
         condition=person.condition,
@@ -61,7 +61,8 @@ def _decode_sd(data: bytes, kind: Topology) -> NDArray[np.float32] | None:
     return deviations(data, len(kind), "Person.joint_sd_m") if data else None
 
 
-def _encode_view(view: PotentialSkeleton) -> Any:
+def encode_view(view: PotentialSkeleton) -> Any:
+    """Encode a sensor's view as a protobuf message, as a part of a person's."""
     return pb.PotentialSkeleton(
         sensor=view.sensor,
         tracking_id=view.tracking_id,
