@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.time_offset import TimeOffset
+from mocapella.geometry.rigid import inverse
 from mocapella.model.scene import SensorPlace
 
 Float64 = NDArray[np.float64]
@@ -66,3 +67,25 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
     def conditions(self) -> tuple[str, ...]:
         """The sensors' conditions that are not empty, each with its sensor's name."""
         return tuple(f"{name}: {sensor.condition}" for name, sensor in self.sensors.items() if sensor.condition)
+
+    @property
+    def tied(self) -> dict[str, list[str]]:
+        """Names of the trusted sensors, by the sensor in whose frame their poses are estimated."""
+        tied: dict[str, list[str]] = {}
+        for name, sensor in self.sensors.items():
+            if sensor.trusted:
+                tied.setdefault(sensor.root, []).append(name)
+        return tied
+
+    def poses_from(self, root: str) -> dict[str, Float64]:
+        """Return ``T_root_sensor`` (4, 4) of the sensor ``root``, and of all that are tied to it if it is trusted."""
+        of_root = self.sensors[root]
+        if not of_root.trusted:
+            return {root: np.eye(4)}
+        to_root = inverse(of_root.T_world_sensor)
+        tied = {
+            name: to_root @ one.T_world_sensor
+            for name, one in self.sensors.items()
+            if one.root == of_root.root and one.trusted
+        }
+        return tied | {root: np.eye(4)}

@@ -47,7 +47,7 @@ def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) ->
     if not bodies.ids or not dt > 0:
         return evidence_s
     parts = bodies.topology.parts
-    heads = _kernels().heads_up(
+    heads: int = _kernels().heads_up(
         np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), parts["root"], parts["head"],
         vertical(pose), _UPRIGHT_COS,
     )  # fmt: skip

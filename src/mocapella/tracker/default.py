@@ -68,7 +68,11 @@ from mocapella.tracker.people_bodies import REMEMBERED as BODIES_REMEMBERED
 from mocapella.tracker.people_bodies import PeopleBodies
 from mocapella.tracker.people_memory import PeopleMemory
 from mocapella.tracker.people_update import associate_and_fuse
+from mocapella.tracker.people_views import followed
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
+
+_APPROACH_EVERY_S: Final = 0.03
+"""Interval of the steps in which poses approach refined ones [s]."""
 
 
 class DefaultTracker:
@@ -125,7 +129,7 @@ class DefaultTracker:
         self._T_root_known: dict[str, Float64] = {}
         self._people: People | None = None
         self._known: PeopleState | None = None
-        self._now_s = 0.0
+        self._now_s = self._approached_s = 0.0
         self._outvoted_s: float | None = None
         self._steps = 0
         self._rejected: Counter[str] = Counter()
@@ -235,11 +239,11 @@ class DefaultTracker:
             return heard.problem
         if self._people is None:
             self._people = People(self.settings.people, SKELETON)
-        sighting, before_s = self._without_jumps(heard.newest[heard.sensor], self._people), self._now_s
+        sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
         corrections = self._corrections(sighting, self._people)
         self._calibrate(sighting, heard, corrections)
         self._track(sighting, self._people, corrections)
-        self._approach_known_poses(self._now_s - before_s)
+        self._approach_known_poses()
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
         self._update_arms(arrival.at_ns)
@@ -311,7 +315,7 @@ class DefaultTracker:
         self._conditions = "; ".join(state.conditions)
         if self._root in heard.newest and self._root not in sensors:
             return  # the calibration began again, and its next frame is still to come
-        root = self._choose_root(sensors)
+        root = self._choose_root(state)
         if root != self._root:
             if self._root in sensors and self._people is not None and sensors[self._root].trusted:
                 T_root_old = inverse(sensors[root].T_world_sensor) @ sensors[self._root].T_world_sensor
@@ -330,20 +334,21 @@ class DefaultTracker:
 
         The root continues alone with its last pose where its own is not trusted.
         """
-        sensors = self._calibration.state.sensors
-        if self._root not in sensors:
+        state = self._calibration.state
+        if self._root not in state.sensors:
             return self._T_world_root, dict(self._T_root_sensor)
-        root = sensors[self._root]
-        if not root.trusted:
-            return self._T_world_root, {self._root: np.eye(4)}
-        to_root = inverse(root.T_world_sensor)
-        tied = {name: one for name, one in sensors.items() if one.root == root.root and one.trusted}
-        return root.T_world_sensor, {name: to_root @ one.T_world_sensor for name, one in tied.items()} | {
-            self._root: np.eye(4)
-        }
+        root = state.sensors[self._root]
+        return root.T_world_sensor if root.trusted else self._T_world_root, state.poses_from(self._root)
 
-    def _approach_known_poses(self, elapsed_s: float) -> None:
-        """Let the poses in use approach the calibration's, so that refinements let nobody who is shown jump."""
+    def _approach_known_poses(self) -> None:
+        """Let the poses in use approach the calibration's, so that refinements let nobody who is shown jump.
+
+        They do so in steps, because each step changes all that is drawn.
+        """
+        elapsed_s = max(0.0, self._now_s - self._approached_s)
+        if self._shown and elapsed_s < _APPROACH_EVERY_S:
+            return
+        self._approached_s = self._now_s
         names, known = list(self._T_root_known), [self._T_world_known, *self._T_root_known.values()]
         before = [self._T_world_root, *(self._T_root_sensor[name] for name in names)]
         if all(now is wanted for now, wanted in zip(before, known, strict=True)):
@@ -356,12 +361,9 @@ class DefaultTracker:
                     self._people.move_sensor(name, T @ inverse(T_before))
         self._views, self._places = None, self._sensor_places()
 
-    def _choose_root(self, sensors: Mapping[str, CalibratedSensor]) -> str:
+    def _choose_root(self, state: PeopleState) -> str:
         """Return the root sensor, whose space defines the world: that of the old component, unless one is larger."""
-        tied: dict[str, list[str]] = {}
-        for name, sensor in sensors.items():
-            if sensor.trusted:
-                tied.setdefault(sensor.root, []).append(name)
+        sensors, tied = state.sensors, state.tied
         most = max(tied.values(), key=len, default=[])
         if self._root not in sensors:
             return most[0] if most else next(iter(sensors))
@@ -417,26 +419,15 @@ class DefaultTracker:
 
         Only those of the newest frame are rebuilt, unless a pose has changed or two tracks were merged.
         """
-        fresh = results.fresh.tolist()
         anew = self._views is None or bool(self._tracks.merged)
-        known = self._views if self._views is not None and not anew else {}
-        usable = [
-            (sensor, column, self._views_of(sensor, heard, people, results) if anew or sensor == heard.sensor else ())
-            for sensor, column in sorted(zip(people.sensors, range(len(people.sensors)), strict=True))
-            if sensor in heard.newest and sensor in self._T_root_sensor
-        ]
-        views = []
-        for row, (number, is_fresh) in enumerate(zip(people.numbers, fresh, strict=True)):
-            before = known.get(number, {})
-            views.append(
-                {
-                    sensor: newest[row] if newest else before[sensor]
-                    for sensor, column, newest in usable
-                    if is_fresh[column] and (newest or sensor in before)
-                }
-            )
-        self._views = dict(zip(people.numbers, views, strict=True))
-        return views
+        shown = [sensor for sensor in people.sensors if sensor in heard.newest and sensor in self._T_root_sensor]
+        newest = {
+            sensor: self._views_of(sensor, heard, people, results)
+            for sensor in (shown if anew else {heard.sensor}.intersection(shown))
+        }
+        before = {} if anew or self._views is None else self._views
+        self._views = followed(before, newest, sorted(shown), people, results.fresh)
+        return list(self._views.values())
 
     def _views_of(self, sensor: str, heard: Heard, people: People, results: PeopleResults) -> list[PotentialSkeleton]:
         """Return the sensor's newest view of each row of people."""
@@ -462,7 +453,18 @@ def _frame_pose(tilt: float, height: float) -> SensorPose:
 
 
 _OWN_MEMORY: Final = (
-    *("_now_s", "_outvoted_s", "_steps", "_rejected", "_state", "_shown", "_views", "_places", "_conditions"),
+    *(
+        "_now_s",
+        "_approached_s",
+        "_outvoted_s",
+        "_steps",
+        "_rejected",
+        "_state",
+        "_shown",
+        "_views",
+        "_places",
+        "_conditions",
+    ),
     *("_shown_arms", "_shown_bodies"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )

@@ -47,7 +47,7 @@ from mocapella.tracker.people_memory import (
     joint_layout,
 )
 
-UNSURE_S: Final = 3.0
+UNSURE_S: Final = 5.0
 """Time for which sensors must disagree without a decision until the person says so [s]."""
 UNSURE: Final = "sensors disagree about left and right: stand upright, or turn the chest to one of them"
 SMOOTHING: Final = ("articulated", "kalman", "one-euro")

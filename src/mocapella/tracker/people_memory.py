@@ -27,7 +27,8 @@ guesses the legs behind a desk repeats one error in all its frames."""
 MOST_GUESS_SD_M: Final = 0.3
 """Largest value of it, about half the reach of a limb [m]."""
 UNSURE_SD: Final = 1.2
-"""Standard deviation of a facing above which it does not decide which of the sensors is right [rad]."""
+"""Standard deviation of a facing above which it does not decide which of the sensors is right: about that of two
+opposite ones, of which one is three times as likely [rad]."""
 
 
 class PointArrays(NamedTuple):

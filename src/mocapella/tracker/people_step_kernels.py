@@ -89,9 +89,9 @@ def step(
         results = FacingResults(level, out[0], out[1], mirrored, out[2], out[4], toward, velocities)
         turn_views(rows, column, dts, parameters, layout.lines, results, skeletons.yaw, views)
         note_unsure(rows, out[1], now_s, parameters.view_age_s, views, skeletons.unsure_s)
-    up = R_level[1]
+    measured: Float64
     measured, variances = make(
-        rows, views.at_s.shape[1], now_s, parameters, fusion, layout, up, points, views, skeletons
+        rows, views.at_s.shape[1], now_s, parameters, fusion, layout, R_level[1], points, views, skeletons
     )
     for r in range(len(skeletons.states)):
         for j in range(len(layout.mirror)):
