@@ -207,7 +207,7 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
     for _ in range(600):  # until the sensors are calibrated, and everything is loaded
         bus.send_round()
     bus.wait()
-    process, looks, wrong = psutil.Process(), list[tuple[int, ...]](), 0
+    process, looks, wrong, began_s = psutil.Process(), list[tuple[int, ...]](), 0, time.perf_counter()
 
     def send(count: int) -> None:
         every = max(1, rounds // SAMPLES)
@@ -216,7 +216,8 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
             if number % every == 0:
                 look = (sum(bus.sent.values()), process.memory_info().rss, process.num_fds(), threading.active_count())
                 looks.append(look)
-                print(f"{look[0]:,} frames, {look[1] >> 20} MiB, {look[2]} descriptors", file=sys.stderr)
+                after_s = time.perf_counter() - began_s
+                print(f"{look[0]:,} frames in {after_s:.0f} s, {look[1] >> 20} MiB, {look[2]} files", file=sys.stderr)
         bus.wait()
 
     for number in range(SHORT_TAKES + 1):

@@ -86,9 +86,10 @@ def test_a_part_type_of_a_plug_in_travels_in_an_envelope(monkeypatch: pytest.Mon
             return part.encode()
 
     monkeypatch.setattr("mocapella.schema.scenes.PART_TYPES", {"spots": Kind})
+    from mocapella.schema.people import encode_anew
     from mocapella.schema.scenes import _encode_parts
 
-    (written,) = _encode_parts({"spots": ("a spot",)})["parts"]
+    (written,) = _encode_parts({"spots": ("a spot",)}, encode_anew)["parts"]
     assert (written.kind, written.content) == ("spots", b"a spot")
 
 

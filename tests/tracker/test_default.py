@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.walking_people import BACK, FRONT, KINECT_V2, LEFT, MIRROR, SIDE, Walker, errors, standing_at
 
-from mocapella.calibration.people_state import CalibratedSensor
+from mocapella.calibration.people_state import CalibratedSensor, PeopleState
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.bodies import Bodies
@@ -380,15 +380,20 @@ def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_
     tracker = DefaultTracker(sensors_expected=3)
     run(tracker, frames({1: Walker(speed=0.0)}, 1.0, {"front": FRONT}))
     assert [person.id for person in tracker._shown] == [0]
-    alone = {name: placed(name, root="side") for name in ("back", "side")} | {"front": placed("front", trusted=False)}
+    front = placed("front", trusted=False)
+    alone = calibrated(placed("back", root="side"), placed("side", root="side"), front)
     assert tracker._choose_root(alone) == "front"
     tracker._now_s += DefaultSettings().keep_root_s
     assert tracker._choose_root(alone) == "back"
-    tied = {name: placed(name, root="side") for name in ("back", "front", "side")}
+    tied = calibrated(*(placed(name, root="side") for name in ("back", "front", "side")))
     assert tracker._choose_root(tied) == "side"  # who is tied to it moves along
     nobody = DefaultTracker(sensors_expected=3)
     run(nobody, frames({}, 1.0, {"front": FRONT}))
     assert nobody._choose_root(alone) == "back"
+
+
+def calibrated(*sensors: CalibratedSensor) -> PeopleState:
+    return PeopleState({one.sensor: one for one in sensors}, (), False, 0, 0)
 
 
 def placed(name: str, root: str = "", trusted: bool = True) -> CalibratedSensor:

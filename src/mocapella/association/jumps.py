@@ -152,17 +152,21 @@ class Jumps:
             (bodies,) False for a body that jumped; True for one near a recent position, for a new body, for one without
             a recent position of its own (see ``doubt_s``), and for one without a visible middle joint.
         """
-        s, numbers, there = self.settings, np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
+        numbers, there = np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
         seen = self.seen.get(sensor)
         if seen is None:
             seen = self.seen[sensor] = SeenBodies.new(numbers, middles.shape[1])
         middles = np.ascontiguousarray(middles)
-        limits = JumpLimits(*map(float, (s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s)))
-        changed = _kernels().stay(at_s, numbers, middles, limits, seen.arrays, there)
+        changed = _kernels().stay_and_follow(at_s, numbers, middles, _limits(self.settings), seen.arrays, there)
         if changed:  # Times may decrease, because a sensor's clock may be set.
-            seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= s.doubt_s)
-        _kernels().follow(at_s, numbers, middles, there, seen.arrays)
+            seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= self.settings.doubt_s)
+            _kernels().follow(at_s, numbers, middles, there, seen.arrays)
         return there
+
+
+@cache
+def _limits(s: JumpSettings) -> JumpLimits:
+    return JumpLimits(*map(float, (s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s)))
 
 
 @cache

@@ -237,6 +237,26 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
 
 @njit(cache=True)
+def assign_and_take(
+    frame: FrameBodies,
+    expected: Float64,
+    gates: Gates,
+    same_within_m: float,
+    confirm_after_s: float,
+    tracks: TrackArrays,
+    result: Assignment,
+) -> tuple[int, int]:
+    """Call `costs`, and `take` if that assigned all bodies; see both for the arguments.
+
+    Returns:
+        What `costs` returns, and if it is `COMPLETE` what `take` returns, else 0.
+    """
+    outcome: int = costs(frame, expected, gates, tracks, result)
+    events: int = take(frame, result.rows, same_within_m, confirm_after_s, tracks) if outcome == COMPLETE else 0
+    return outcome, events
+
+
+@njit(cache=True)
 def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
     """Return the row of the track of each of a sensor's bodies (bodies,), as last assigned; −1 for none.
 
@@ -312,3 +332,14 @@ def follow(at_s: float, ids: UInt64, middles: Float64, there: Bools, known: Know
             for j in range(middles.shape[1]):
                 for k in range(3):
                     known.middle[i, j, k] = middles[b, j, k]
+
+
+@njit(cache=True)
+def stay_and_follow(
+    at_s: float, ids: UInt64, middles: Float64, limits: JumpLimits, known: KnownBodies, there: Bools
+) -> bool:
+    """Call `stay`, with the same arguments and result, and then `follow` unless ``known`` must be renewed before."""
+    changed: bool = stay(at_s, ids, middles, limits, known, there)
+    if not changed:
+        follow(at_s, ids, middles, there, known)
+    return changed

@@ -336,18 +336,19 @@ class Tracks:
         column, numbers = self._column(sensor), np.array(ids, dtype=np.uint64).astype(np.int64)
         lengths = np.empty((0, 0)) if lengths is None else lengths
         where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
-        rows, unplaced, unassigned = self._assign(column, numbers, middles, where, at_s, lengths)
-        new = np.flatnonzero((rows < 0) & ~unplaced) if unassigned else ()
-        if len(new):
-            rows[new] = len(self.memory.person) + np.arange(len(new))
-            self.memory = self.memory.with_more(tracks=len(new))
-            m = self.memory
-            m.person[rows[new]] = self._next + np.arange(len(new))
-            m.since_s[rows[new]] = at_s
-            self._next += len(new)
-        s, m = self.settings, self.memory
-        frame = FrameBodies(at_s, column, numbers, middles, lengths)
-        events = _kernels().take(frame, rows, float(s.same_within_m), float(s.confirm_after_s), m.arrays)
+        rows, unplaced, events = self._assign(column, numbers, middles, where, at_s, lengths)
+        if unassigned := events is None:
+            new = np.flatnonzero((rows < 0) & ~unplaced)
+            if len(new):
+                rows[new] = len(self.memory.person) + np.arange(len(new))
+                self.memory = self.memory.with_more(tracks=len(new))
+                m = self.memory
+                m.person[rows[new]] = self._next + np.arange(len(new))
+                m.since_s[rows[new]] = at_s
+                self._next += len(new)
+            frame = FrameBodies(at_s, column, numbers, middles, lengths)
+            events = int(_kernels().take(frame, rows, *_merging(self.settings), self.memory.arrays))
+        m = self.memory
         if events & _kernels().FORGOTTEN:
             self._owners = {}
         if unassigned:
@@ -373,20 +374,19 @@ class Tracks:
 
     def _assign(  # noqa: PLR0917
         self, column: int, ids: Int64, middles: Float64, expected: Float64, at_s: float, lengths: Float64
-    ) -> tuple[Int64, Bools, bool]:
-        """Drop expired tracks, and assign the bodies.
+    ) -> tuple[Int64, Bools, int | None]:
+        """Drop expired tracks, and assign the bodies; if all are assigned, update the memory by them.
 
         Returns:
-            (bodies,) rows, −1 for none; (bodies,) whether no middle joint is visible; whether any detection is
-            unassigned.
+            (bodies,) rows, −1 for none; (bodies,) whether no middle joint is visible; the events of the update, or None
+            if some bodies have no track yet, so that the memory is not updated.
         """
         s, m = self.settings, self.memory
-        numbers = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
         shape = len(ids), len(m.person)
         cost, allowed = np.empty(shape), np.empty(shape, dtype=np.bool_)
         rows, unplaced = np.empty(len(ids), dtype=np.int64), np.empty(len(ids), dtype=np.bool_)
         frame, result = FrameBodies(at_s, column, ids, middles, lengths), Assignment(cost, allowed, unplaced, rows)
-        outcome = _kernels().costs(frame, expected, Gates(*map(float, numbers)), m.arrays, result)
+        outcome, events = _kernels().assign_and_take(frame, expected, _gates(s), *_merging(s), m.arrays, result)
         if outcome == _kernels().EXPIRED:
             patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * RECENT_S)
             stays = at_s - m.seen_s <= patience_s
@@ -394,7 +394,7 @@ class Tracks:
             return self._assign(column, ids, middles, expected[stays], at_s, lengths)
         if outcome == _kernels().AMBIGUOUS:
             rows = assign(cost, allowed)
-        return rows, unplaced, outcome != _kernels().COMPLETE
+        return rows, unplaced, events if outcome == _kernels().COMPLETE else None
 
     def _know_again(self, at_s: float) -> None:
         """Confirm tracks that are old enough, or merge them into those of missing people with similar lengths."""
@@ -459,6 +459,17 @@ class Tracks:
                 m.body_s[one, sees[other]] = m.body_s[other, sees[other]]
         self._close_since_s, self.merged = close, tuple(merged)
         self._keep(kept)
+
+
+@cache
+def _gates(s: TrackSettings) -> Gates:
+    numbers = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
+    return Gates(*map(float, numbers))
+
+
+@cache
+def _merging(s: TrackSettings) -> tuple[float, float]:
+    return float(s.same_within_m), float(s.confirm_after_s)
 
 
 @cache

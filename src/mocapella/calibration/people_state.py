@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import msgspec
@@ -41,7 +42,8 @@ class CalibratedSensor(msgspec.Struct, frozen=True, eq=False):
 
     def place(self, T_world_sensor: Float64 | None) -> SensorPlace:
         """Return the sensor's place for a scene, with the pose ``T_world_sensor`` (4, 4) in use; None if unknown."""
-        sd_m, sd_rad = (float(np.sqrt(np.trace(part))) for part in (self.covariance[:3, :3], self.covariance[3:, 3:]))
+        variances: list[float] = self.covariance.diagonal().tolist()
+        sd_m, sd_rad = math.sqrt(sum(variances[:3])), math.sqrt(sum(variances[3:]))
         return SensorPlace(self.sensor, T_world_sensor, sd_m, sd_rad, self.quality, self.condition)
 
 

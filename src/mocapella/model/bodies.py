@@ -55,13 +55,13 @@ def tracked_bodies(frame: BodyFrame) -> Bodies:
     """
     ids: list[int] = frame.tracking_ids.tolist()
     positions, states = frame.positions, frame.states
-    if not frame.tracked.all() or ids != sorted(ids):
-        tracked: list[bool] = frame.tracked.tolist()
+    tracked: list[bool] = frame.tracked.tolist()
+    if not all(tracked) or ids != sorted(ids):
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
         ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
     # Copies: a message's arrays are read-only, which is another type for numba.
     copy, states = positions.astype(np.float64), states.copy()
-    nowhere = ~copy.any(axis=-1)
-    if nowhere.any():
+    if not copy.all():
+        nowhere = ~copy.any(axis=-1)
         copy[nowhere], states[nowhere] = np.nan, JointState.NOT_TRACKED
     return Bodies(frame.sensor, frame.topology, tuple(ids), copy, states)

@@ -275,7 +275,7 @@ class DefaultTracker:
         there = self._jumps.update(
             bodies.sensor, bodies.ids, bodies.positions[:, people.middle], sighting.at_ns / NS_PER_S
         )
-        return sighting if there.all() else msgspec.structs.replace(sighting, bodies=bodies.only(there))
+        return sighting if all(there.tolist()) else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
     def leave_out(self, participant: int) -> None:
         """Use the joint bias learnt without this participant of the KinectMultiTrack studies; for scoring.
@@ -404,35 +404,33 @@ class DefaultTracker:
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
         """Return the confirmed people who were seen recently, with the views that are recent enough."""
-        tracks, results = self._tracks.memory, people.results(self._T_world_root, self._now_s)
-        views, states = self._follow_views(heard, people, results), results.states
+        anew = self._views is None or bool(self._tracks.merged)
+        tracks = self._tracks.memory
+        results = people.results(self._T_world_root, self._now_s, "" if anew else heard.sensor)
+        positions, states, sd = results.positions, results.states, results.sd
+        views, said = self._follow_views(heard, people, results, anew), people.conditions(results)
         shown = tracks.confirmed & (self._now_s - tracks.seen_s <= self.settings.shown_for_s)
-        said, drawn = people.conditions(), [tuple(one.values()) for one in views]
         return tuple(
-            Person(number, results.positions[row], states[row], drawn[row], results.sd[row], condition=said[row])
+            Person(number, positions[row], states[row], tuple(views[row].values()), sd[row], condition=said[row])
             for row, (number, is_shown) in enumerate(zip(people.numbers, shown.tolist(), strict=True))
             if is_shown
         )
 
-    def _follow_views(self, heard: Heard, people: People, results: PeopleResults) -> list[dict[str, PotentialSkeleton]]:
+    def _follow_views(
+        self, heard: Heard, people: People, results: PeopleResults, anew: bool
+    ) -> list[dict[str, PotentialSkeleton]]:
         """Return the views in use for each row of people, in the order of the sensors' names.
 
-        Only those of the newest frame are rebuilt, unless a pose has changed or two tracks were merged.
+        Only those of the newest frame are rebuilt, unless all are made anew: a pose has changed, or tracks were merged.
         """
-        anew = self._views is None or bool(self._tracks.merged)
         shown = [sensor for sensor in people.sensors if sensor in heard.newest and sensor in self._T_root_sensor]
-        newest = {
-            sensor: self._views_of(sensor, heard, people, results)
-            for sensor in (shown if anew else {heard.sensor}.intersection(shown))
-        }
+        newest: dict[str, list[PotentialSkeleton]] = {}
+        for sensor in shown if anew else {heard.sensor}.intersection(shown):
+            T, frame = self._T_world_root @ self._T_root_sensor[sensor], heard.newest[sensor].frame
+            newest[sensor] = people.views_of(results, sensor, frame.time_ns, self._poses.get(sensor, frame), T)
         before = {} if anew or self._views is None else self._views
         self._views = followed(before, newest, sorted(shown), people, results.fresh)
         return list(self._views.values())
-
-    def _views_of(self, sensor: str, heard: Heard, people: People, results: PeopleResults) -> list[PotentialSkeleton]:
-        """Return the sensor's newest view of each row of people."""
-        T, frame = self._T_world_root @ self._T_root_sensor[sensor], heard.newest[sensor].frame
-        return people.views_of(results, sensor, frame.time_ns, self._poses.get(sensor, frame), T)
 
     def _scene(self, arrival: Arrival) -> Scene:
         step, self._steps = self._steps, self._steps + 1

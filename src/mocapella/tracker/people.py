@@ -37,6 +37,7 @@ from mocapella.settings import check
 from mocapella.smoothing.kalman import KalmanSettings
 from mocapella.smoothing.one_euro import OneEuroSettings
 from mocapella.tracker.people_memory import (
+    UNSURE_S,
     Bools,
     Float64,
     FrameViews,
@@ -47,8 +48,6 @@ from mocapella.tracker.people_memory import (
     joint_layout,
 )
 
-UNSURE_S: Final = 5.0
-"""Time for which sensors must disagree without a decision until the person says so [s]."""
 UNSURE: Final = "sensors disagree about left and right: stand upright, or turn the chest to one of them"
 SMOOTHING: Final = ("articulated", "kalman", "one-euro")
 """Smoothing methods: an articulated body, a Kalman filter per joint, or a 1-euro filter per coordinate."""
@@ -148,7 +147,10 @@ class People:
         self._parameters = _parameters(settings)
         self._layout = joint_layout(topology, self.mirror)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
-        self._body_size = 0 if self._model is None else memory_size(self._model)
+        self._body_size, self._slack = 0, (0, 0)
+        if self._model is not None:
+            layout = self._model.layout
+            self._body_size, self._slack = memory_size(self._model), (int(layout.slack), int(layout.demands))
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
 
@@ -258,19 +260,21 @@ class People:
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
 
-    def results(self, T: Float64, at_s: float) -> PeopleResults:
+    def results(self, T: Float64, at_s: float, sensor: str = "") -> PeopleResults:
         """Return all people and the views in use, in new arrays; the state does not change.
 
         Args:
             T: (4, 4) from the space of the people to the space of the results.
             at_s: present time on the common clock, for the age of views [s].
+            sensor: the sensor whose views are wanted; empty for all.
         """
+        column = self.sensors.index(sensor) if sensor in self.sensors else -1
         m = self.memory
-        return PeopleResults(
-            *_step_kernels().report(
-                np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions
-            )
-        )
+        results = _step_kernels().report(
+            np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions, m.body,
+            self._slack, column,
+        )  # fmt: skip
+        return PeopleResults(*results)
 
     def views_of(
         self, results: PeopleResults, sensor: str, time_ns: int, pose: BodyFrame | SensorPose, T: Float64
@@ -294,13 +298,17 @@ class People:
             for body, positions, states, mirrored in views
         ]
 
-    def conditions(self) -> list[str]:
+    def conditions(self, results: PeopleResults) -> list[str]:
         """Return a text for each row: sensors that disagree about sides, joints long measured beyond the body's limits.
 
-        The text is empty without either; joints need an articulated body.
+        The text is empty without either; joints need an articulated body. ``results`` are those of the present state.
         """
+        said = [""] * len(self.numbers)
+        if not results.noted.any():
+            return said
         m = self.memory
-        said = [""] * len(self.numbers) if self._model is None else conditions_of(self._model, m.body)
+        if self._model is not None:
+            said = conditions_of(self._model, m.body)
         for row in np.flatnonzero(m.fused_s - m.unsure_s > UNSURE_S).tolist():
             said[row] = ", ".join(filter(None, (UNSURE, said[row])))
         return said
@@ -410,8 +418,9 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
         sd: (people, joints) float32, standard deviation of a coordinate [m]; NaN where not known.
         states: (people, joints) `JointState`.
         views: (people, sensors, joints, 3) each sensor's view, with its own labels [m]; arbitrary where ``fresh`` is
-            False.
+            False, or another sensor's were wanted.
         fresh: (people, sensors) whether the view is in use.
+        noted: (people,) whether the person may have a condition, for `People.conditions`.
     """
 
     positions: Float64
@@ -419,6 +428,7 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
     states: UInt8
     views: Float64
     fresh: Bools
+    noted: Bools
 
 
 @cache

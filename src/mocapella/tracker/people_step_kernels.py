@@ -13,12 +13,14 @@ from mocapella.compiled import njit
 from mocapella.fusion.facing import FacingInputs
 from mocapella.fusion.facing_kernels import update as update_facings
 from mocapella.fusion.weighted_mean import FusionParameters
+from mocapella.kinematics.articulated_body import LEAST_REPORTED
 from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.model.observations import JointState
 from mocapella.tracker.people_kernels import make, move_points, observe, pose_people, rigidity_of
 from mocapella.tracker.people_memory import (
     GUESS_SD_M_S,
     MOST_GUESS_SD_M,
+    UNSURE_S,
     UNSURE_SD,
     FacingResults,
     FrameViews,
@@ -129,8 +131,9 @@ def note_unsure(
 
 @njit(cache=True)
 def report(
-    T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64
-) -> tuple[Float64, NDArray[np.float32], UInt8, Float64, Bools]:
+    T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64,
+    body: Float64, slack: tuple[int, int], column: int,
+) -> tuple[Float64, NDArray[np.float32], UInt8, Float64, Bools, Bools]:  # fmt: skip
     """Transform all people and views by ``T`` (4, 4) for output.
 
     An inferred joint's standard deviation is at least what a sensor's guess may be off after that time.
@@ -142,17 +145,23 @@ def report(
         skeletons: the fused skeletons.
         view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
             [m].
+        body: (people, …) state of the articulated body.
+        slack: first column of the limits' slack in ``body``, and the one after its last [rad].
+        column: column of the sensor whose views are wanted; −1 for all.
 
     Returns:
         (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], both NaN for
-        a joint that is not tracked, (people, joints) `JointState`, (people, sensors, joints, 3) each sensor's view [m],
-        and (people, sensors) whether the view is in use; new arrays.
+        a joint that is not tracked, (people, joints) `JointState`, (people, sensors, joints, 3) each wanted view [m],
+        (people, sensors) whether the view is in use, and (people,) whether the person may have a condition; new arrays.
     """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
     views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
-    states = skeletons.states.copy()
+    states, noted = skeletons.states.copy(), np.zeros(people, dtype=np.bool_)
     for r in range(people):
+        noted[r] = skeletons.fused_s[r] - skeletons.unsure_s[r] > UNSURE_S
+        for i in range(slack[0], slack[1]):
+            noted[r] = noted[r] or body[r, i] > LEAST_REPORTED  # False for NaN
         move_points(T, skeletons.steady[r], positions[r])
         for j in range(joints):
             sd[r, j] = np.sqrt(skeletons.doubts[r, j])
@@ -163,6 +172,6 @@ def report(
                 sd[r, j] = max(sd[r, j], np.float32(drift_m))
         for c in range(sensors):
             fresh[r, c] = now_s - view_at[r, c] <= view_age_s
-            if fresh[r, c]:
+            if fresh[r, c] and (column < 0 or column == c):
                 move_points(T, view_positions[r, c], views[r, c])
-    return positions, sd, states, views, fresh
+    return positions, sd, states, views, fresh, noted
