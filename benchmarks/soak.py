@@ -59,7 +59,7 @@ class Frames:
     def __init__(self, node: NodeKey) -> None:
         people = standing_people(node.sensor, PEOPLE, seed=node.node_id)
         self._people, self._nobody = (
-            [pb.BodyFrame.FromString(encode_frame(msgspec.structs.replace(one, node_id=node.node_id))) for one in some]
+            [encode_frame(msgspec.structs.replace(one, node_id=node.node_id)) for one in some]
             for some in (people, standing_people(node.sensor, 0, seed=node.node_id, count=1))
         )
 
@@ -67,7 +67,8 @@ class Frames:
         """Return the message of a frame that is taken and sent now [ns]."""
         visit, since = divmod(sequence, VISIT + PAUSE)
         some = self._people if since < VISIT else self._nobody
-        message = some[sequence % len(some)]
+        # A message keeps the memory of each value that its fields ever had, so each frame is a new one.
+        message = pb.BodyFrame.FromString(some[sequence % len(some)])
         message.sequence, message.time_ns, message.sent_ns = sequence, now_ns, now_ns
         if since < VISIT:
             message.tracking_ids = np.arange(1 + visit * PEOPLE, 1 + (visit + 1) * PEOPLE, dtype="<u8").tobytes()
