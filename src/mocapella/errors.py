@@ -91,7 +91,14 @@ class PluginError(MocapellaError):
 
 
 class WireError(MocapellaError):
-    """Bytes that are not a valid message; the text names the fault."""
+    """Bytes that are not a valid message.
+
+    Args:
+        text: names the fault; control characters in it, which come from the bytes, are escaped.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(visible(text))
 
 
 class SchemaVersionError(WireError):

@@ -125,6 +125,28 @@ def test_a_deep_memory_is_refused() -> None:
     assert unpack(msgspec.msgpack.encode(["list", [["list", []]]]), ()) == [[]]
 
 
+@pytest.mark.parametrize("name", ["of\ntwo lines", "\x1b[2J", "\u202e"])
+def test_what_a_refused_memory_says_is_one_printable_line(name: str) -> None:
+    with pytest.raises(WireError) as told:
+        unpack(msgspec.msgpack.encode([name, 0]), ())
+    assert str(told.value).isprintable()
+
+
+@pytest.mark.parametrize("content", [np.eye(4), "of\ntwo lines"])
+def test_what_a_tracker_says_of_a_refused_memory_is_one_printable_line(content: Any) -> None:
+    class Tracker:
+        def reset(self) -> None:
+            pass
+
+        @recalls
+        def restore(self, data: bytes) -> None:
+            raise ValueError(content)
+
+    with pytest.raises(WireError) as told:
+        Tracker().restore(b"")
+    assert str(told.value).isprintable()
+
+
 @pytest.mark.parametrize("error", [TypeError("too few"), KeyError("name"), WireError("3 bytes"), InputError("no")])
 def test_a_tracker_that_cannot_recall_a_memory_is_reset(error: Exception) -> None:
     class Forgetful:
