@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -374,6 +375,23 @@ def test_one_sensor_alone_is_enough_to_track_and_says_that_it_is_alone() -> None
     scenes = run(tracker, frames({1: Walker()}, 2.0, {"front": standing_at(0, 0)}, noise=0.01))
     assert scenes[-1].state.phase is Phase.TRACKING
     assert len(scenes[-1].people) == 1
+
+
+def test_poses_approach_refined_ones_in_steps_and_what_no_frame_changes_stays_the_same_object() -> None:
+    tracker = told()
+    scenes = run(tracker, frames({1: Walker()}, 4.0, noise=0.01))[30:]
+    moved_s, kept = [], 0
+    for before, scene in itertools.pairwise(scenes):
+        if scene.sensors is not before.sensors:
+            moved_s.append(scene.at_ns / 1e9)
+        elif before.people and scene.people:
+            old = {view.sensor: view for view in before.people[0].views if view.sensor != scene.sensor}
+            assert all(view is old.get(view.sensor, view) for view in scene.people[0].views)
+            kept += 1
+    steps = np.diff(moved_s)
+    assert len(steps) > 10
+    assert np.median(steps) >= 0.03
+    assert kept > len(steps)
 
 
 def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_tied_without_it() -> None:
