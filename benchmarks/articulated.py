@@ -21,6 +21,7 @@ from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.geometry.alignment import align, moments
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.articulated_body import ArticulatedBody
+from mocapella.kinematics.articulated_memory import Rigidity
 from mocapella.model.topology import topology
 from mocapella.smoothing.kalman import KalmanSettings, correct, predict, unknown
 from mocapella.smoothing.one_euro import OneEuro
@@ -62,12 +63,12 @@ def cost(quick: bool) -> Iterator[Row]:
 
     from mocapella.kinematics import articulated_kernels as kernels
 
-    correct_one, predict_one = kernels.correct, kernels.predict
+    correct_one, predict_one, rigidity = kernels.correct, kernels.predict, Rigidity(1.0, 0.0)
 
     @njit
     def corrected(arrays: Any, row: Any, begin: float, frames: Any, variances: Any, x: Any, v: Any) -> None:
         for k in range(len(frames)):
-            correct_one(arrays, row, begin + k / 30, frames[k], variances, x, v)
+            correct_one(arrays, row, begin + k / 30, frames[k], variances, rigidity, x, v)
 
     @njit
     def predicted(arrays: Any, row: Any, begin: float, count: int, x: Any, v: Any) -> None:
