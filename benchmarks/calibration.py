@@ -80,17 +80,17 @@ def _errors(seed: int) -> tuple[float, float, float]:
 
 def _cost(sensors: int, people: int) -> float:
     """Processor time, mean over a second [µs], the least of the last four: other programs only make it longer."""
-    calibration, numbers = PeopleCalibration(), {}
+    calibration, numbers = PeopleCalibration(), dict[str, dict[int, int]]()
     seconds = 20 if sensors <= 8 else 10
     frames = list(_walking(sensors, people, seconds))
     for bodies, _ in frames[:sensors]:
-        numbers.update({key: key[1] for key in bodies.keys})
+        numbers[bodies.sensor] = {body: body for body in bodies.ids}
     taken = []
     for second in range(seconds):
         part = frames[round(second * RATE_HZ) * sensors : round((second + 1) * RATE_HZ) * sensors]
         begin = time.thread_time()
         for bodies, at_ns in part:
-            calibration.update(bodies, at_ns, numbers)
+            calibration.update(bodies, at_ns, numbers.__getitem__)
         taken.append((time.thread_time() - begin) / len(part))
     return 1e6 * min(taken[-4:])
 

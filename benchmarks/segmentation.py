@@ -11,8 +11,10 @@ second pixel (`step_px` 2) unless a row says otherwise. `uv run --group peers py
 from __future__ import annotations
 
 import statistics
+import warnings
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from typing import Any, Final
 
 import cv2
@@ -59,16 +61,19 @@ class Run:
 
 def run(quick: bool = False) -> list[Row]:
     """The rows of docs/methods/silhouettes.md."""
-    rows = [distance(quick)]
+    rows, there = [distance(quick)], find_spec("skimage") is not None
+    if not there:
+        warnings.warn("no peers: uv run --group peers python -m benchmarks segmentation", stacklevel=2)
     for kind in KINDS:
         shots = [shot(kind, seed) for seed in SEEDS[: 1 if quick else None]]
-        peers = [row for s in shots for row in [peer_runs(s, quick)]]
-        runs = [
-            Run(r[0].name, r[0].setting, r[0].iterations, statistics.mean(p.iou for p in r))
-            for r in zip(*peers, strict=True)
-        ]
-        for gray in (False, True):
-            rows += beside_peer(kind, shots, runs, gray=gray, quick=quick)
+        if there:
+            peers = [peer_runs(s, quick) for s in shots]
+            runs = [
+                Run(r[0].name, r[0].setting, r[0].iterations, statistics.mean(p.iou for p in r))
+                for r in zip(*peers, strict=True)
+            ]
+            for gray in (False, True):
+                rows += beside_peer(kind, shots, runs, gray=gray, quick=quick)
         rows.append(every_pixel(kind, shots))
     return rows
 

@@ -249,3 +249,27 @@ def test_outlines_by_hand_are_drawn_with_their_holes(silhouettes: Any) -> None:
     assert mask.sum() == 10 * 20 - 4
     assert mask[29, 10] == 1
     assert mask[12, 12] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "group",
+    [
+        *(
+            "arm_fusion",
+            "articulated",
+            "calibration",
+            "calibration_floor",
+            "calibration_in_place",
+            "codec",
+            "conditions",
+        ),
+        *("datagrams", "depth_render", "facing", "line_skeleton", "people", "recording", "segmentation", "stalls"),
+        *("tracker", "triangulation", "twists"),
+    ],
+)
+def test_a_benchmark_that_takes_seconds_still_runs(group: str) -> None:
+    """What a benchmark calls may change without it; the others take minutes, or start whole sessions."""
+    done = command(group, "--quick", "--json", "-")
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout)
