@@ -159,7 +159,7 @@ def test_a_person_whose_views_are_all_too_old_is_measured_nowhere(age_s: float) 
     m.view_at[:], m.view_positions[:] = 0.0, 1.0
     measured, variances = kernels.make(
         np.zeros(1, np.int64), 2, age_s, people._parameters, people.settings.fusion.parameters, people._layout,
-        people.up, m.points, m.views, m.skeletons,
+        people.R_level[1], m.points, m.views, m.skeletons,
     )  # fmt: skip
     assert np.isnan(measured).all()
     assert np.isposinf(variances).all()
@@ -192,6 +192,16 @@ def test_the_memory_of_an_older_version_is_taken() -> None:
     assert np.isposinf(older.unsure_s).all()
     assert older.unsure_s.shape == (2,)
     assert np.isneginf(older.measured_s).all()
+
+
+@pytest.mark.parametrize("R_level", [np.eye(2), np.eye(3, dtype=np.float32), np.zeros(9)])
+def test_a_memory_with_another_upward_direction_than_a_rotation_is_refused(R_level: np.ndarray) -> None:  # noqa: N803
+    people = People(PeopleSettings(), KINECT_V2)
+    *others, level = people.state()
+    people.restore((*others, level.T))
+    np.testing.assert_array_equal(people.R_level, level.T)
+    with pytest.raises(ValueError, match="R_level is"):
+        people.restore((*others, R_level))
 
 
 @given(st.floats(0.0, 180.0), st.floats(-180.0, 180.0))
@@ -278,4 +288,4 @@ def test_facings_that_were_seen_upside_down_are_forgotten(angle_deg: float, forg
     assert (7 not in people._facing.memory.people) is forgets
     unaided = People(PeopleSettings(facing=None), KINECT_V2)
     unaided.level(rotation_about_z(np.pi))
-    np.testing.assert_allclose(unaided.up, [0.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(unaided.R_level[1], [0.0, -1.0, 0.0], atol=1e-12)

@@ -133,8 +133,7 @@ class People:
         memory: state of all people; changed in place, and replaced if rows or columns change.
         mirror: (joints,) index of each joint's counterpart on the other side.
         middle: (middle,) indices of the joints on the body's middle line.
-        R_level, up: (3, 3) rotation from the space of the people to one with y up, and (3,) the vector upwards; see
-            `level`.
+        R_level: (3, 3) rotation from the space of the people to one with y up, see `level`.
     """
 
     def __init__(self, settings: PeopleSettings, topology: Topology) -> None:
@@ -156,7 +155,7 @@ class People:
 
     def reset(self) -> None:
         """Forget all people and sensors, and the upward direction, which is y again."""
-        self.R_level, self.up = np.eye(3), np.array([0.0, 1.0, 0.0])
+        self.R_level = np.eye(3)
         self.numbers: list[int] = []
         self.sensors: list[str] = []
         self.memory = PeopleMemory.empty(0, 0, len(self.mirror), self._body_size)
@@ -176,9 +175,11 @@ class People:
         Raises:
             ValueError: an array has a wrong shape or type.
         """
-        self.numbers, self.sensors, self.memory, facing, self.R_level = state
+        self.numbers, self.sensors, self.memory, facing, R_level = state
+        if R_level.shape != (3, 3) or R_level.dtype != np.float64:
+            raise ValueError(f"R_level is {R_level.dtype} {R_level.shape}, not float64 (3, 3)")
+        self.R_level = np.ascontiguousarray(R_level)
         self.memory.check(len(self.numbers), len(self.sensors), len(self.mirror), self._body_size)
-        self.up = np.ascontiguousarray(self.R_level[1])
         if self._facing is not None:
             self._facing.memory = facing
 
@@ -323,7 +324,6 @@ class People:
         """Transform all state by ``T_new_old`` (4, 4) into another frame of reference, the new space of the people."""
         m, R = self.memory, np.ascontiguousarray(T_new_old[:3, :3])
         self.R_level = self.R_level @ R.T
-        self.up = np.ascontiguousarray(self.R_level[1])
         for name in ("positions", "steady", "euro_positions", "view_positions"):
             getattr(m, name)[:] = apply(T_new_old, getattr(m, name))
         if self._model is not None:
@@ -349,7 +349,6 @@ class People:
         elif self._facing is not None:
             self._facing.rotate(float(np.arctan2(turned[0, 2], turned[0, 0])))
         self.R_level = np.ascontiguousarray(R_level)
-        self.up = np.ascontiguousarray(R_level[1])
 
     def arrange(self, numbers: Sequence[int]) -> None:
         """Set the rows to the people ``numbers``, in that order: known people first, then new ones; drop all others."""
