@@ -195,7 +195,7 @@ def test_the_memory_of_an_older_version_is_taken() -> None:
 
 
 @pytest.mark.parametrize("R_level", [np.eye(2), np.eye(3, dtype=np.float32), np.zeros(9)])
-def test_a_memory_with_another_upward_direction_than_a_rotation_is_refused(R_level: np.ndarray) -> None:  # noqa: N803
+def test_a_memory_with_another_upward_direction_than_a_rotation_is_refused(R_level: np.ndarray) -> None:
     people = People(PeopleSettings(), KINECT_V2)
     *others, level = people.state()
     people.restore((*others, level.T))
