@@ -126,7 +126,7 @@ class PacedPictures:
                 return
 
     def _of_film(self, capture: cv2.VideoCapture) -> Iterator[tuple[float, float, UInt8]]:
-        first_s = begun_s = 0.0
+        first_s = begun_s = before_s = 0.0
         count = 0
         while True:
             if not capture.grab():
@@ -143,7 +143,7 @@ class PacedPictures:
             if not read:
                 return
             at_s = begun_s + stamp_s - first_s
-            if count and (self._wished_fps is not None or at_s <= self._next_s - 1 / self._fps):
+            if count and (self._wished_fps is not None or at_s <= before_s):
                 at_s = self._next_s
-            count += 1
+            count, before_s = count + 1, at_s
             yield at_s, self._clock() - begin, np.asarray(image, dtype=np.uint8)
