@@ -158,10 +158,9 @@ def test_slow_motion_has_one_broad_maximum_which_is_no_rival_of_itself(sign):
 
 def test_quick_motion_that_is_seen_twice_is_ambiguous_unless_the_times_are_near_each_other():
     at_s, bursts = np.arange(0, 12, 0.01), np.random.default_rng(2).uniform(0, 1, 1300) ** 2
-    both = {apart: 0.5 * (bursts[50:1250] + bursts[50 - apart : 1250 - apart]) for apart in (6, 25)}
-    one = np.stack([at_s, bursts[50:1250]], axis=-1)
-    assert _shift(one, np.stack([at_s, both[25]], axis=-1)) is None
-    assert _shift(one, np.stack([at_s, both[6]], axis=-1)) in (
-        pytest.approx(0, abs=0.01),
-        pytest.approx(0.06, abs=0.01),
-    )
+    one, limit = np.stack([at_s, bursts[50:1250]], axis=-1), round(APART_S / STEP_S)
+    for apart, ambiguous in ((6, False), (limit, False), (limit + 1, True), (25, True)):
+        both = 0.5 * (bursts[50:1250] + bursts[50 - apart : 1250 - apart])
+        found = _shift(one, np.stack([at_s, both], axis=-1))
+        assert (found is None) == ambiguous
+        assert ambiguous or found in (pytest.approx(0, abs=0.01), pytest.approx(apart * STEP_S, abs=0.01))

@@ -18,6 +18,7 @@ from mocapella.sources.picture_source import Picture
 
 COUNT = 5
 BEGUN_S = 1000.0
+DECODING_S = 0.002
 
 
 def shown(path: Path, hz: float, works_s: float = 0.0) -> list[Picture]:
@@ -52,8 +53,8 @@ def test_overdue_frames_come_at_once_with_their_own_times(tmp_path: Path) -> Non
 class Stamped:
     """A video as OpenCV reads it, whose frames have these stamps [s]."""
 
-    def __init__(self, stamps: Sequence[float], hz: float) -> None:
-        self._stamps, self._hz, self._at = stamps, hz, -1
+    def __init__(self, stamps: Sequence[float], hz: float, time: Any) -> None:
+        self._stamps, self._hz, self._at, self.time = stamps, hz, -1, time
 
     def get(self, prop: int) -> float:
         if prop == cv2.CAP_PROP_POS_MSEC:
@@ -65,6 +66,7 @@ class Stamped:
         return self._at < len(self._stamps)
 
     def retrieve(self) -> tuple[bool, np.ndarray]:
+        self.time.now_s += DECODING_S
         return True, np.full((8, 8, 3), self._at % 256, np.uint8)
 
     def open(self, _path: str) -> None:
@@ -79,13 +81,15 @@ def times(
 ) -> list[float]:
     """The times of the first pictures of such a video [s]."""
     path.write_bytes(b"")
-    monkeypatch.setattr(paced_pictures, "open_video", lambda _path: Stamped(stamps, hz))
     time: Any = PassingTime(BEGUN_S)
+    monkeypatch.setattr(paced_pictures, "open_video", lambda _path: Stamped(stamps, hz, time))
     source = PacedPictures(path, clock=time.monotonic, **how)
     source.open()
     source.begin(BEGUN_S)
     read = [source.read(time) for _ in range(count)]
-    return [(picture.time_ns - 1) / 1e9 for picture in read if picture is not None]
+    found = [picture for picture in read if picture is not None]
+    assert [picture.retrieval_s for picture in found] == pytest.approx([DECODING_S] * len(found))
+    return [(picture.time_ns - 1) / 1e9 for picture in found]
 
 
 def test_stamps_at_uneven_intervals_are_kept_and_those_that_do_not_rise_are_replaced(
