@@ -211,6 +211,7 @@ def test_limits_are_reported_that_widened_by_more_than_the_least_except_at_shoul
 def test_a_condition_tells_degrees_in_tens_of_each_joint_of_each_body(slack_deg: float, said: int) -> None:
     memory = np.tile(ArticulatedBody(KINECT).memory[0], (2, 1))
     memory[:, LAYOUT.slack : LAYOUT.demands] = 0.0
+    assert conditions_of(MODEL, memory) == ["", ""]
     for joint in ("AnkleLeft", "FootRight"):
         memory[1, LAYOUT.slack + KINECT.index(joint)] = np.radians(slack_deg)
     text = "sensors and body model disagree by"
