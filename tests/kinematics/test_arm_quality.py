@@ -13,7 +13,7 @@ from support.kinematic_hands import random_motion
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
-from mocapella.kinematics.arm_quality import ArmQualityMeter, ArmQualitySettings, misdetected, swapped_pairs
+from mocapella.kinematics.arm_quality import ArmQualityMeter, ArmQualitySettings, _still, misdetected, swapped_pairs
 from mocapella.model.arm_quality import ArmQuality, Misdetections
 from mocapella.model.arms import ARM_JOINTS, SeenArm
 from mocapella.model.hand import HandPose, hand_model
@@ -204,3 +204,93 @@ def test_reset_is_as_newly_made() -> None:
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(SettingsError, match=f"{name} is {value}"):
         ArmQualitySettings(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("frames", [55, 56, 114, 115, 116, 240])
+def test_no_frame_counts_twice_in_the_noise_of_the_whole_and_most_count(frames: int) -> None:
+    """A window of two seconds at 30 Hz is full after 55 frames, nine tenths; each next one begins after it."""
+    meter = ArmQualityMeter()
+    measured([POINTS] * frames, meter)
+    counts = set(meter._squared.tolist())
+    assert len(counts) == 1
+    assert frames - 61 <= counts.pop() <= frames
+
+
+def steps(apart_m: float, swing_m: float = 0.0, frames: int = 64) -> np.ndarray:
+    """(frames, 1, 3) positions that move once, halfway, and swing to both sides of their mean in each frame [m]."""
+    k = np.arange(frames)
+    found = np.zeros((frames, 1, 3))
+    found[:, 0, 0], found[:, 0, 1] = apart_m * (k >= frames // 2), swing_m * (-1.0) ** k
+    return found
+
+
+def most_that_is_still(swing_m: float, frames: int = 64) -> float:
+    """The longest step of a joint that swings so and counts as still, beyond what would be still without [m]."""
+    low, high = 0.0, 1.0
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _still(steps(middle, swing_m, frames), 0.002)[0] else (low, middle)
+    return low - 0.002
+
+
+def test_a_joint_without_noise_is_still_up_to_the_limit_itself() -> None:
+    limit = 2.0**-9
+    assert _still(steps(limit), limit)[0]
+    assert not _still(steps(np.nextafter(limit, 1)), limit)[0]
+
+
+@pytest.mark.parametrize("swing_m", [1e-4, 5e-4])
+def test_noise_widens_what_is_still_in_proportion_and_by_less_in_longer_windows(swing_m: float) -> None:
+    once = most_that_is_still(swing_m)
+    assert once > swing_m
+    assert most_that_is_still(2 * swing_m) == pytest.approx(2 * once, rel=1e-3)
+    assert most_that_is_still(swing_m, 4 * 64) == pytest.approx(once / 2, rel=1e-3)
+    assert most_that_is_still(1.0) == pytest.approx(0.006, rel=1e-3), "but not without limit"
+
+
+def test_of_normal_noise_four_standard_deviations_of_the_mean_of_an_eighth_are_still() -> None:
+    sd, frames = 0.0005, 8000
+    noise = np.random.default_rng(0).normal(0, sd, (frames, 1, 3))
+    allowed = [
+        apart for apart in np.linspace(0, 2e-4, 401) if _still(noise - _means(noise) + steps(apart, 0, frames), 0)
+    ]
+    assert max(allowed) == pytest.approx(4 * math.sqrt(3) * sd / math.sqrt(frames / 8), rel=0.03)
+
+
+def _means(noise: np.ndarray) -> np.ndarray:
+    """The mean of each eighth, at each of its frames, so that only steps are left between eighths."""
+    eighths = noise.reshape(8, -1, 1, 3)
+    return np.broadcast_to(eighths.mean(axis=1, keepdims=True), eighths.shape).reshape(noise.shape)
+
+
+STEP_S = 1 / 64
+"""Exact in binary, as are its multiples."""
+
+
+def swinging(swing_m: float, k: int) -> np.ndarray:
+    """All points, to one side or the other of their mean, in turns."""
+    return np.asarray(POINTS + np.array([0, swing_m * (-1.0) ** k, 0]))
+
+
+@pytest.mark.parametrize(("least_frames", "first"), [(20, 72), (73, 72), (74, 73), (80, 79)])
+@pytest.mark.parametrize("start_s", [0.0, 4096.0])
+def test_an_arm_is_still_from_nine_tenths_of_the_window_on_if_it_has_enough_frames(
+    least_frames: int, first: int, start_s: float
+) -> None:
+    """Nine tenths of this window are 72 steps, between 73 frames."""
+    meter = ArmQualityMeter(ArmQualitySettings(still_window_s=1.25, least_frames=least_frames))
+    for k in range(90):
+        quality = meter.update([arm()], start_s + k * STEP_S)
+        assert quality.still == (k >= first)
+        assert quality.still_s == max(0, k - first + 1) * STEP_S
+
+
+def test_noise_is_the_root_mean_square_of_all_arms_and_of_those_points_that_are_still() -> None:
+    meter, swings_m = ArmQualityMeter(), (3e-4, 4e-4)
+    for k in range(400):
+        arms = [swinging(swing_m, k) for swing_m in swings_m]
+        arms[0][8] += [0, 0.0005 * k, 0]
+        quality = meter.update([arm(points, number) for number, points in enumerate(arms)], k * STEP_S)
+    usual, of_one = np.sqrt(np.mean(np.square(swings_m))), swings_m[1]
+    for found in (quality.noise_m, quality.noise_whole_m):
+        np.testing.assert_allclose(found, [of_one if joint == 8 else usual for joint in ARM_JOINTS], rtol=0.01)

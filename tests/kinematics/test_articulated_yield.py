@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from support.kinematic_bodies import DOFS, KINECT, MODEL, VARIANCES, lengths
 
-from mocapella.kinematics.articulated_body import ArticulatedBody, Pose, conditions_of, joints
+from mocapella.kinematics.articulated_body import LEAST_REPORTED, ArticulatedBody, Pose, conditions_of, joints
 
 Float64 = NDArray[np.float64]
 FPS = 30
@@ -183,3 +183,36 @@ def test_a_bone_of_another_length_is_learnt_within_seconds(factor: float) -> Non
 def slack(body: ArticulatedBody) -> Float64:
     """Angle by which the limits of each joint are widened (joints,) [rad]."""
     return np.array(body.memory[0, LAYOUT.slack : LAYOUT.demands])
+
+
+def test_limits_are_reported_that_widened_by_more_than_the_least_except_at_shoulders_hips_and_elbows() -> None:
+    """Each joint at the end of a bone, alone."""
+    row = ArticulatedBody(KINECT).memory[0]
+    said = {}
+    for joint, name in enumerate(KINECT.joints):
+        memory = np.tile(row, (3, 1))
+        memory[:, LAYOUT.slack : LAYOUT.demands] = 0.0
+        memory[0, LAYOUT.slack + joint] = LEAST_REPORTED
+        memory[1, LAYOUT.slack + joint] = np.nextafter(LEAST_REPORTED, 1)
+        memory[2, LAYOUT.slack + joint] = np.nan
+        at, beyond, unknown = conditions_of(MODEL, memory)
+        assert (at, unknown) == ("", "")
+        said[name] = beyond.partition(":")[0]
+    for side in ("Left", "Right"):
+        assert said[f"Ankle{side}"] == f"{side.lower()} knee"
+        assert said[f"Foot{side}"] == f"{side.lower()} ankle"
+        assert said[f"Hand{side}"] == f"{side.lower()} wrist"
+        assert [said[f"{bone}{side}"] for bone in ("Elbow", "Knee", "Wrist")] == ["", "", ""]
+    assert said["SpineMid"] == said["HipLeft"] == "spine base", "hinges there, though the body as a whole turns freely"
+    assert said[KINECT.joints[KINECT.parts["root"]]] == "", "it ends no bone"
+
+
+@pytest.mark.parametrize(("slack_deg", "said"), [(41, 40), (44.9, 40), (45.1, 50), (54.9, 50), (64, 60)])
+def test_a_condition_tells_degrees_in_tens_of_each_joint_of_each_body(slack_deg: float, said: int) -> None:
+    memory = np.tile(ArticulatedBody(KINECT).memory[0], (2, 1))
+    memory[:, LAYOUT.slack : LAYOUT.demands] = 0.0
+    assert conditions_of(MODEL, memory) == ["", ""]
+    for joint in ("AnkleLeft", "FootRight"):
+        memory[1, LAYOUT.slack + KINECT.index(joint)] = np.radians(slack_deg)
+    text = "sensors and body model disagree by"
+    assert conditions_of(MODEL, memory) == ["", f"left knee: {text} {said}°, right ankle: {text} {said}°"]

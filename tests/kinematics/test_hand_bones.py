@@ -9,7 +9,7 @@ from support.kinematic_hands import RIGHT, THESIS, markers
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import rigid
-from mocapella.kinematics.hand_bones import PHASES, BonesSettings, measure_bones
+from mocapella.kinematics.hand_bones import PHASES, BonesSettings, _DigitFit, measure_bones
 from mocapella.kinematics.hand_tracker import base_layout
 from mocapella.model.hand import DIGIT_ANGLES, HandShape
 
@@ -139,3 +139,42 @@ def test_wrong_arrays_and_names_are_refused() -> None:
 def test_settings_out_of_range_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         BonesSettings(**{name: -1})
+
+
+@pytest.mark.parametrize("digit", [1, 4])
+def test_the_equations_of_a_fit_are_the_slope_of_its_cost(digit: int) -> None:
+    """In each unknown: lengths, base, held angles, and each instant's angles."""
+    rng = np.random.default_rng(digit)
+    names = np.array([*PHASES, "hook", "knuckles", "flat"])
+    tips = rng.normal([0.0, 0.0, 0.1], 0.05, (6, 3))
+    whitening = np.linalg.inv(np.linalg.cholesky(0.001**2 * (np.eye(3) + 0.2 * np.ones((3, 3)))))
+    fit = _DigitFit(THESIS, RIGHT, digit, tips, np.tile(whitening, (6, 1, 1)), names, BonesSettings())
+    fit.shared += rng.normal(0, 1, 8) * fit.prior_sd
+    fit.angles += rng.normal(0, 0.3, fit.angles.shape)
+    A, _, C, of_shared, of_angles = fit._equations()
+    for k in range(8):
+        step = 1e-5 * fit.prior_sd[k] * np.eye(8)[k]
+        slope = (fit._cost(fit.shared + step, fit.angles) - fit._cost(fit.shared - step, fit.angles)) / (2 * step[k])
+        assert slope == pytest.approx(-2 * of_shared[k], rel=1e-5)
+    for n in range(6):
+        for k in range(4):
+            step = np.zeros((6, 4))
+            step[n, k] = 1e-7
+            slope = (fit._cost(fit.shared, fit.angles + step) - fit._cost(fit.shared, fit.angles - step)) / 2e-7
+            assert slope == pytest.approx(-2 * of_angles[n, k], rel=1e-4, abs=1e-6 * np.abs(of_angles).max())
+    assert (np.linalg.eigvalsh(A) > 0).all()
+    assert (np.linalg.eigvalsh(C) > 0).all()
+
+
+def test_the_cost_of_a_fit_is_1_where_a_length_is_one_standard_deviation_off_and_all_else_fits() -> None:
+    """The tips are those of the changed finger, so that only the deviation from what is expected is left."""
+    names = np.array(["flat", "flat"])
+    fit = _DigitFit(THESIS, RIGHT, 2, np.zeros((2, 3)), np.tile(1000 * np.eye(3), (2, 1, 1)), names, BonesSettings())
+    for k in range(6):
+        for deviations in (1.0, -2.0):
+            shared = fit.prior + deviations * fit.prior_sd * np.eye(8)[k]
+            fit.tips = fit._tips(shared, fit.angles)[0]
+            assert fit._cost(shared, fit.angles) == pytest.approx(deviations**2)
+            assert np.abs(fit.residuals()).max() == pytest.approx(
+                np.abs(fit.tips - fit._tips(fit.prior, fit.angles)[0]).max()
+            )

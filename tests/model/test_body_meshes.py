@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from support.rigged_meshes import any_pose, is_closed, is_own_mirror_image, volume
 
 from mocapella.errors import SettingsError
-from mocapella.model.body_meshes import PARTS, body_mesh, legs_mesh
-from mocapella.model.body_proportions import BodyProportions, proportions_of
+from mocapella.geometry.limb_surface import group_distances
+from mocapella.model.body_flesh import WITHIN, body_limbs, joint_places
+from mocapella.model.body_meshes import DETAIL, PARTS, _grid, _steps, body_mesh, legs_mesh
+from mocapella.model.body_proportions import AVERAGE, BodyProportions, body_shape, lengths_of, proportions_of
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed, rest
 from mocapella.model.twist_tree import TreePose, joint_twists, part_motions
 
@@ -272,3 +274,44 @@ def test_what_cannot_be_built_is_said(arguments: dict[str, object], said: str) -
     for build in (body_mesh, legs_mesh):
         with pytest.raises(SettingsError, match=said):
             build(**arguments)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("detail", [*DETAIL, 1.5])
+@pytest.mark.parametrize("girth", [0.75, 1.4])
+@pytest.mark.parametrize("sex", SEXES)
+def test_the_grid_of_a_body_goes_beyond_its_flesh_on_all_sides_but_not_far(
+    sex: str, girth: float, detail: float
+) -> None:
+    """Else the surface would not be closed; a grid that is much too large is slow. The middle cuts the body in two."""
+    shape, lengths = body_shape(sex), lengths_of(sex, 1.75, AVERAGE)  # type: ignore[arg-type]
+    limbs = body_limbs(shape.flesh, lengths, girth, legs_only=False)
+    nodes = _grid(limbs, lengths, joint_places(lengths), detail)
+    sides = nodes[-1], nodes[:, 0], nodes[:, -1], nodes[:, :, 0], nodes[:, :, -1]
+    distances = [
+        group_distances(limbs, 1.75 * np.array(WITHIN), np.ascontiguousarray(side.reshape(-1, 3))).min()
+        for side in sides
+    ]
+    assert min(distances) > 0
+    assert max(distances) < 0.12
+    assert (nodes[..., 0] > 0).all()
+    for axis in range(3):
+        assert (np.diff(nodes[..., axis], axis=axis) > 0).all()
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 3), st.floats(0.05, 0.5)), min_size=1, max_size=4), st.floats(-2, 2))
+def test_coordinates_go_through_all_bands_in_about_the_step_of_each(
+    bands: list[tuple[float, float]], start: float
+) -> None:
+    ends = start + np.cumsum([width for width, _ in bands])
+    x = _steps([(start, end, step) for end, (_, step) in zip(ends, bands, strict=True)])
+    assert x[0] == start
+    for begin, end, (width, step) in zip([start, *ends[:-1]], ends, bands, strict=True):
+        inside = x[(x > begin - 1e-9) & (x < end + 1e-9)]
+        np.testing.assert_allclose(inside[[0, -1]], [begin, end], atol=1e-9)
+        steps = np.diff(inside)
+        np.testing.assert_allclose(steps, steps.mean())
+        assert abs(len(steps) - width / step) <= 0.5 + 1e-6 or len(steps) == 1
+
+
+def test_a_band_that_has_been_passed_adds_no_coordinate() -> None:
+    assert _steps([(0.0, 1.0, 0.5), (0.0, 1.0, 0.1), (0.0, 0.5, 0.1)]).tolist() == [0.0, 0.5, 1.0]

@@ -201,3 +201,29 @@ def test_a_standard_deviation_of_a_bone_may_be_0_and_is_below_half_a_metre() -> 
     for sd in (-np.nextafter(0, 1), 0.5, np.nan):
         with pytest.raises(SettingsError, match="lengths_sd is"):
             having(sd)
+
+
+@pytest.mark.parametrize("apart", [0.01, 1.0, 4.0, 100.0])
+def test_fingers_of_a_stretched_hand_may_be_so_many_times_as_far_apart(apart: float) -> None:
+    usual = hand_model("full")
+    assert usual.stretched(25.0, 28.0, apart).neighbours_deg == pytest.approx(np.multiply(apart, usual.neighbours_deg))
+
+
+def test_a_stretched_hand_spreads_most_halfway_between_its_limits_of_flexion() -> None:
+    model = hand_model("full").stretched(25.0, 28.0)
+    for flexion, abduction, within in ((32.5, 27.9, True), (32.5, 28.1, False), (30.5, 28, False), (-25, 0, True)):
+        angles = model.natural.copy()
+        angles[DIGIT_ANGLES[1, :2]] = np.radians([flexion, abduction])
+        assert bool(model.within(angles)) is within
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("extension_deg", 0.0, 45.0), ("abduction_deg", 5.0, 40.0), ("apart", None, 100.0)]
+)
+def test_limits_of_a_stretched_hand_may_be_reached_and_not_passed(name: str, least: float | None, most: float) -> None:
+    usual, model = {"extension_deg": 20.0, "abduction_deg": 20.0, "apart": 1.0}, hand_model("full")
+    for value in (most, least if least is not None else np.nextafter(0, 1)):
+        model.stretched(**usual | {name: value})
+    for value in (np.nextafter(most, np.inf), np.nextafter(least, -np.inf) if least is not None else 0.0, np.nan):
+        with pytest.raises(SettingsError, match=f"{name} is"):
+            model.stretched(**usual | {name: value})

@@ -12,12 +12,25 @@ from mocapella.errors import SettingsError
 from mocapella.kinematics.hand_chain import hand_chain, landmarks
 from mocapella.model.hand import ANGLES, LANDMARKS, HandPose, hand_model
 from mocapella.model.hand_flesh import REST_ANGLES
-from mocapella.model.hand_mesh import HAND_PARTS, hand_mesh, hand_mesh_angles
+from mocapella.model.hand_mesh import HAND_PARTS, _grid, hand_mesh, hand_mesh_angles
 from mocapella.model.rigged_mesh import landmarks_at, posed, rest
 from mocapella.model.twist_tree import TreePose
 
 sides = st.sampled_from(["left", "right"])
 few = settings(max_examples=20, deadline=None)
+
+
+def test_the_grid_of_a_hand_goes_beyond_its_flesh_by_three_of_its_steps_and_is_finest_across() -> None:
+    limbs = np.array([[0.0, 0.1, 0.0, 1.0, 0.5, -0.2, 0.3, 0.2, 0], [0.2, 0.2, 1.0, 0.1, 0.1, 0.1, 0.1, 0.1, 1]])
+    nodes = _grid(limbs, 0.1)
+    low, high = np.array([-0.3, -0.2, -0.5]), np.array([1.3, 0.8, 1.1])
+    first, last, steps = nodes[0, 0, 0], nodes[-1, -1, -1], nodes[1, 1, 1] - nodes[0, 0, 0]
+    assert steps[0] == pytest.approx(0.1)
+    assert steps[0] < steps[1] < steps[2] <= 2 * steps[0] + 1e-12, "along the fingers there is less detail"
+    np.testing.assert_allclose(first, low - 3 * steps)
+    assert (last >= high + 2 * steps - 1e-9).all()
+    assert (last <= high + 3 * steps + 1e-9).all()
+    assert np.prod(nodes.shape[:3]) == np.prod(np.round((last - first) / steps) + 1)
 
 
 @pytest.mark.slow

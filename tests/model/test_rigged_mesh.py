@@ -20,6 +20,7 @@ from mocapella.model.rigged_mesh import (
     posed,
     rest,
     rigid_mesh,
+    smooth,
     strongest,
 )
 from mocapella.model.twist_tree import TreePose, motions, part_motions
@@ -151,3 +152,24 @@ def test_a_mesh_that_cannot_be_says_what_is_wrong(changes, said) -> None:  # typ
     mesh = worm()
     with pytest.raises(SettingsError, match=said):
         msgspec.structs.replace(mesh, **changes(mesh))
+
+
+@given(st.floats(-5, 5), st.floats(0.01, 5), st.floats(-1, 2))
+def test_a_smooth_step_is_0_before_1_after_and_symmetric_about_its_middle(
+    start: float, width: float, share: float
+) -> None:
+    end, x = start + width, start + share * width
+    before, at_start, middle, at_end, after = smooth(
+        np.array([start - width, start, start + width / 2, end, end + width]), start, end
+    )
+    assert (before, at_start, after) == (0, 0, 1)
+    assert (middle, at_end) == (pytest.approx(0.5), pytest.approx(1))
+    assert smooth(np.array(x), start, end) + smooth(np.array(start + end - x), start, end) == pytest.approx(1)
+
+
+def test_a_smooth_step_rises_everywhere_and_has_no_slope_at_its_ends() -> None:
+    x = np.linspace(2, 4, 201)
+    rises = np.diff(smooth(x, 2, 4))
+    assert (rises > 0).all()
+    assert max(rises[0], rises[-1]) < 0.02 * rises.max()
+    assert rises.max() == pytest.approx(1.5 / 200, rel=1e-3), "one and a half times the mean slope, in the middle"

@@ -174,3 +174,16 @@ def test_a_mirrored_picture_is_told() -> None:
     image = np.ascontiguousarray(picture(CHARUCO)[0][:, ::-1])
     assert BoardDetector(CHARUCO).update(image, "a", 0) is None
     assert "in the mirrored picture" in why_not_found([image], CHARUCO)
+
+
+def test_the_spacing_of_a_corner_is_the_distance_to_the_next_one_in_its_row_or_column() -> None:
+    """Corners that are two apart on the board, or one apart in both directions, may be nearer in a slanted view."""
+    board = Board("chessboard", 6, 5, 0.05)
+    row, column = np.divmod(np.arange(board.corners), 5)
+    corners = np.column_stack([10.0 * column + 8.0 * row, 12.0 * row])
+    np.testing.assert_allclose(boards._spacing(np.arange(board.corners), corners, board), 10.0)
+    for kept, spacing in ((column == 2, np.hypot(8, 12)), (row == 1, 10.0), ((row + column) % 2 == 0, np.nan),
+                          (column % 2 == 1, np.hypot(8, 12)), (row % 2 == 0, 10.0)):  # fmt: skip
+        np.testing.assert_allclose(boards._spacing(np.flatnonzero(kept), corners[kept], board), spacing)
+    stretched = corners * [3.0, 1.0]
+    np.testing.assert_allclose(boards._spacing(np.arange(board.corners), stretched, board), np.hypot(24, 12))

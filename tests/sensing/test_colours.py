@@ -14,14 +14,18 @@ from support.marker_images import discs, profile, sample
 from mocapella.errors import InputError, SettingsError
 from mocapella.sensing.colour_learning import _SEED_PX, ColourSample, _seed, grow, learn_colours
 from mocapella.sensing.colour_profile import (
+    BINS,
     OFFSET,
+    SPAN,
+    Chromaticities,
+    ColourProfile,
     chromaticity,
     decode_profile,
     encode_profile,
     load_profile,
     save_profile,
 )
-from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, separability
+from mocapella.sensing.colour_table import TableSettings, cell_of, classify, lookup_table, no_marker, separability
 
 RED, BLUE = (20, 15, 190), (180, 60, 20)
 
@@ -223,3 +227,50 @@ def test_another_camera_or_size_is_refused() -> None:
 def test_table_settings_out_of_range_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         TableSettings(**{name: -1.0})
+
+
+def over_chromaticities(density: np.ndarray) -> float:
+    """Integral of a density over the plane of `plane`."""
+    return float(density.sum() * (2 * SPAN / len(density)) ** 2)
+
+
+def plane(count: int = 700) -> np.ndarray:
+    """(count, count, 2) chromaticities."""
+    middles = (np.arange(count) + 0.5) * 2 * SPAN / count - SPAN
+    return np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1)
+
+
+def with_background(counts: np.ndarray, skin: Chromaticities | None) -> ColourProfile:
+    background = dataclasses.replace(profile().background, counts=tuple(map(tuple, counts.tolist())))
+    return dataclasses.replace(profile(), background=background, skin=skin)
+
+
+def test_what_is_no_marker_is_in_half_anything_or_in_a_quarter_each_anything_and_skin() -> None:
+    """Noise is given as 0, and the background is empty, so that only these are left."""
+    at, nothing = plane(), np.zeros((BINS, BINS), np.int64)
+    skin = Chromaticities((0.6, -0.4), (0.01, 0.002, 0.008), (60, 100, 140), 500)
+    anything = no_marker(with_background(nothing, None), at, np.zeros(3), np.float64(50.0))
+    assert over_chromaticities(anything) == pytest.approx(0.5)
+    assert np.ptp(anything) == 0
+    found = no_marker(with_background(nothing, skin), at, np.zeros(3), np.float64(50.0))
+    assert over_chromaticities(found) == pytest.approx(0.5, abs=1e-6)
+    np.testing.assert_allclose(found[0, 0], 0.5 * anything[0, 0])
+    rest = found - found[0, 0]
+    assert over_chromaticities(rest) == pytest.approx(0.25, abs=1e-6)
+    u, v = (float((rest * at[..., k]).sum() / rest.sum()) for k in (0, 1))
+    assert u / v == pytest.approx(0.6 / -0.4, rel=1e-3), "glances of skin are on the line to grey"
+    noisy = no_marker(with_background(nothing, skin), at, np.array([0.02, 0.0, 0.02]), np.float64(50.0))
+    assert noisy.max() < found.max()
+
+
+@pytest.mark.parametrize("area_px", [50.0, 400.0])
+def test_a_colour_of_the_background_counts_by_its_area_in_markers(area_px: float) -> None:
+    counts = np.zeros((BINS, BINS), np.int64)
+    counts[20, 33], counts[40, 30] = 3000, 1000
+    at, skin = plane(), None
+    empty = no_marker(with_background(np.zeros_like(counts), skin), at, np.zeros(3), np.float64(area_px))
+    wall = no_marker(with_background(counts, skin), at, np.zeros(3), np.float64(area_px)) - empty
+    width, height = profile().size_px
+    assert over_chromaticities(wall) == pytest.approx(width * height / area_px, rel=1e-3)
+    peak = at[np.unravel_index(wall.argmax(), wall.shape)]
+    np.testing.assert_allclose(peak, (np.array([20, 33]) + 0.5) * 2 * SPAN / BINS - SPAN, atol=0.02)

@@ -21,9 +21,9 @@ from mocapella.geometry.lens import project  # noqa: E402
 from mocapella.model.arms import ARM_JOINTS, PALM  # noqa: E402
 from mocapella.model.camera import Camera  # noqa: E402
 from mocapella.sensing.line_skeleton import LineSkeleton, LineSkeletonSettings  # noqa: E402
-from mocapella.sensing.line_skeleton_joints import elbow_of, palm_and_wrist  # noqa: E402
+from mocapella.sensing.line_skeleton_joints import _merged, elbow_of, palm_and_wrist  # noqa: E402
 from mocapella.sensing.line_skeleton_outline import outline, separated  # noqa: E402
-from mocapella.sensing.line_skeleton_sheet import contact_sheet, write_stages  # noqa: E402
+from mocapella.sensing.line_skeleton_sheet import contact_sheet, pictures, write_stages  # noqa: E402
 
 STAGES = [
     *(
@@ -338,3 +338,34 @@ def test_real_frames_give_an_arm_and_all_stages() -> None:
         assert (seen.joint_states > 0).all()
         assert (np.linalg.norm(seen.joints[3:] - seen.points[PALM], axis=-1) <= 1.5).all()
     assert list(detector.stages(depth)) == STAGES
+
+
+@pytest.mark.parametrize("factor", [1, 7])
+def test_the_picture_of_the_range_is_as_bright_as_far_and_the_farthest_is_white(factor: int) -> None:
+    looked = LineSkeleton(CAMERA).look(arm().depth)
+    separated_mm = looked.separated.millimetres
+    first = replace(looked.separated, millimetres=(separated_mm // factor).astype(separated_mm.dtype))
+    shown, far = pictures(replace(looked, separated=first))["16 bits"].astype(float), first.millimetres.astype(float)
+    assert shown.max() == 255
+    assert (shown[far == far.max()] == 255).all()
+    assert (shown[far == 0] == 0).all()
+    np.testing.assert_allclose(shown / 255, far / far.max(), atol=1 / 255)
+
+
+def test_the_picture_of_distances_is_brightest_where_the_arm_is_thickest() -> None:
+    looked = LineSkeleton(CAMERA).look(arm().depth)
+    assert looked.lines is not None
+    distance = looked.lines.skeleton.distance
+    shown = pictures(looked)["distance transform"]
+    np.testing.assert_allclose(shown / 255, distance / distance.max(), atol=1.01 / 255)
+    assert distance.max() > 10
+
+
+def test_a_blob_is_a_tip_if_it_is_farther_from_all_outer_tips_than_the_limit_up_to_five_tips() -> None:
+    outer = np.array([[0.0, 0.0], [20.0, 0.0]])
+    for blob, apart_px, kept in (((3, 4), 4.99, True), ((3, 4), 5, False), ((17, 4), 5, False), ((10, 0), 9.99, True)):
+        found = _merged(outer, np.array([blob], np.float64), apart_px)
+        assert found.tolist() == [*outer.tolist(), *([list(blob)] if kept else [])]
+    many = np.array([[50.0, 0.0], [51.0, 0.0], [0.0, 1.0], [52.0, 0.0], [53.0, 0.0]])
+    assert _merged(outer, many, 5).tolist() == [*outer.tolist(), *many[[0, 1, 3]].tolist()], "blobs may be near another"
+    assert _merged(np.zeros((0, 2)), np.zeros((0, 2)), 5).shape == (0, 2)

@@ -71,6 +71,50 @@ def dark_square(left: float, top: float, width: float, height: float) -> np.ndar
     return np.asarray(np.interp(linear, linear_light(), np.arange(256)).round(), np.uint8)
 
 
+@pytest.mark.parametrize(("turns", "room"), [(0, 5), (1, 4), (2, 4), (3, 5)])
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_side_is_measured_if_all_pixels_about_its_profiles_are_in_the_image(
+    turns: int, room: int, seen: bool
+) -> None:
+    """Profiles reach 4 px outwards; to the right and below, interpolation takes one pixel more."""
+    room -= not seen
+    left, top, side = 20, 20, 40
+    right, bottom = left + side, top + side
+    whole = dark_square(left, top, side, side)
+    corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float64)
+    cut, last = whole[:, : right + room + 1], right + room
+    for _ in range(turns):  # a quarter turn takes the side that is cut to the next border
+        corners = np.stack([corners[:, 1], last - corners[:, 0]], axis=-1)
+        cut, last = np.rot90(cut), cut.shape[0] - 1
+    found, sd = refined_corners(np.ascontiguousarray(cut), corners, 8, 4.0, 20.0)
+    assert np.isnan(sd).sum() == (0 if seen else 2)
+    np.testing.assert_allclose(found, corners, atol=0.02)
+
+
+SQUARE = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 60.0], [20.0, 60.0]])
+
+
+def unmeasured(image: np.ndarray, *, reach_px: float = 4.0, least_contrast: float = 20.0) -> int:
+    """How many corners of that square are not refined."""
+    return int(np.isnan(refined_corners(image, SQUARE, 8, reach_px, least_contrast)[1]).sum())
+
+
+def test_a_side_needs_six_profiles_in_the_image() -> None:
+    """Those of the left and right sides are 1.03 px apart, from 24 px on."""
+    whole = dark_square(20, 20, 40, 40)
+    assert unmeasured(whole[:31]) == 2
+    assert unmeasured(whole[:30]) == 4
+
+
+def test_a_side_needs_its_contrast_in_linear_light_and_a_profile_of_a_pixel_to_either_side() -> None:
+    whole = dark_square(20, 20, 40, 40)
+    contrast = 0.65 * 255
+    assert unmeasured(whole, least_contrast=contrast - 2) == 0
+    assert unmeasured(whole, least_contrast=contrast + 2) == 4
+    assert unmeasured(whole, reach_px=1.0) == 0
+    assert unmeasured(whole, reach_px=np.nextafter(1.0, 0)) == 4
+
+
 @given(
     st.tuples(st.floats(14, 20), st.floats(14, 20), st.floats(36, 46), st.floats(36, 46)),
     st.lists(st.floats(-0.7, 0.7), min_size=8, max_size=8),

@@ -16,6 +16,7 @@ import pytest
 
 from mocapella.errors import AddressInUseError, BusError, SettingsError
 from mocapella.model.markers import MarkerFrame
+from mocapella.schema.marker_datagrams import MarkerDatagram
 from mocapella.sources import datagram_port
 from mocapella.sources.datagram_settings import DatagramSettings, PortReport
 from mocapella.sources.marker_datagrams import MarkerDatagrams
@@ -104,6 +105,41 @@ def test_capture_is_arrival_and_rises() -> None:
             times += [frame.time_ns for frame in made.poll()]
         assert len(times) == 20
         assert (np.diff(times) > 0).all()
+
+
+@contextmanager
+def a_port(**changed: object) -> Iterator[datagram_port.DatagramPort]:
+    """One port, to which nobody sends."""
+    settings = DatagramSettings(**{"cameras": (("left", 0),), "markers": ("red",), **changed})  # type: ignore[arg-type]
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listener.bind(("127.0.0.1", 0))
+    port = datagram_port.DatagramPort("left", listener, settings, lambda _text: None)
+    try:
+        yield port
+    finally:
+        port.close()
+
+
+def told(time_us: int | None) -> MarkerDatagram:
+    return MarkerDatagram(np.array([[1.0, 2.0]]), None if time_us is None else 0, time_us)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05, 1.0])
+def test_capture_is_before_arrival_by_the_delay_and_told_times_keep_their_intervals(delay: float) -> None:
+    arrived_ns = 10**12 + np.cumsum([0, 20_000_000, 31_000_000, 12_500_000])
+    with a_port(delay=delay) as port:
+        times = [port._frame(told(None), int(at)).time_ns for at in arrived_ns]
+    np.testing.assert_array_equal(times, arrived_ns - round(1e9 * delay))
+    with a_port(delay=delay) as port:
+        times = [port._frame(told(7_000 + 20_000 * k), int(at)).time_ns for k, at in enumerate(arrived_ns)]
+    intervals_ns = np.diff(times, prepend=10**12 - round(1e9 * delay))
+    assert intervals_ns.tolist() == [0, 20_000_000, 20_000_000, 20_000_000], "though some came later after their time"
+
+
+def test_times_rise_by_a_nanosecond_where_none_passed_or_the_clock_went_back() -> None:
+    with a_port() as port:
+        times = [port._frame(told(None), at).time_ns for at in (10**12, 10**12, 10**12 - 5, 10**12 + 1, 10**12 + 9)]
+    assert times == [10**12, 10**12 + 1, 10**12 + 2, 10**12 + 3, 10**12 + 9]
 
 
 @linux_only

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocapella.sources.motion_lags import APART_S, LONGEST_S, MotionLags, _late, _shift
+from mocapella.sources.motion_lags import APART_S, LEAST_S, LONGEST_S, STEP_S, MotionLags, _late, _shift
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 
@@ -101,3 +101,66 @@ def test_a_camera_that_was_away_begins_anew():
             lags.add("b", round(1e9 * k / 30), image)
     assert lags.measure() == {}
     assert len(lags._courses["b"]) < 35
+
+
+def test_shifts_are_told_more_finely_than_the_steps_of_the_search():
+    """Rounded to whole steps, these would be wrong by a quarter of a step or more."""
+    wrong = [
+        abs(_shift(course(seed, 0.0, fps=100.0), course(seed, late_s, fps=100.0)) - late_s)
+        for seed in range(10)
+        for late_s in (-0.1275, 0.2025, 0.2033, 0.2067, 0.2075)
+    ]
+    assert np.mean(wrong) < 0.2 * STEP_S
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_shifts_are_found_to_one_step_before_the_longest(seed, sign):
+    """At the longest itself, the correlation could still rise beyond."""
+    a = course(seed, 0.0, fps=100.0)
+    for late_s in (LONGEST_S - 2 * STEP_S, LONGEST_S - STEP_S):
+        assert _shift(a, course(seed, sign * late_s, fps=100.0)) == pytest.approx(sign * late_s, abs=0.006)
+    assert _shift(a, course(seed, sign * LONGEST_S, fps=100.0)) is None
+
+
+def test_signals_that_overlap_for_the_least_time_are_enough():
+    a, b = course(0, 0.0, fps=32.0, seconds=12.0), course(0, 0.1, fps=32.0, seconds=12.0)
+    for one, other in ((a, b), (b, a)):
+        enough = one[: round(LEAST_S * 32) + 1]
+        assert enough[-1, 0] - enough[0, 0] == LEAST_S
+        assert _shift(enough, other) is not None
+        assert _shift(enough[1:], other) is None
+        assert _shift(other, enough[:-1]) is None
+
+
+@pytest.mark.parametrize(
+    ("apart_s", "share", "shift_s"), [(0.4, 0.0, 0.0), (0.4, 0.2, 0.0), (0.4, 0.5, None), (0.06, 0.5, 0.03)]
+)
+def test_a_second_maximum_makes_a_shift_ambiguous_only_if_it_is_apart_and_nearly_as_high(apart_s, share, shift_s):
+    """A camera sees a share of the motion once more, later."""
+    a, again = course(3, 0.0, fps=100.0), course(3, apart_s, fps=100.0)
+    both = np.stack([a[:, 0], (1 - share) * a[:, 1] ** 2 + share * again[:, 1] ** 2], axis=-1)
+    found = _shift(a, both)
+    assert found is None if shift_s is None else found == pytest.approx(shift_s, abs=0.02)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_slow_motion_has_one_broad_maximum_which_is_no_rival_of_itself(sign):
+    at_s, rng = np.arange(0, 12, 0.01), np.random.default_rng(2)
+    middles, strengths = np.arange(-1, 14) + rng.uniform(-0.3, 0.3, 15), rng.uniform(0.1, 1, 15)
+
+    def seen(late_s):
+        moved = (strengths * np.exp(-0.5 * ((at_s[:, None] - late_s - middles) / 0.3) ** 2)).sum(axis=1)
+        return np.stack([at_s, moved], axis=-1)
+
+    assert _shift(seen(0.0), seen(0.13 * sign)) == pytest.approx(0.13 * sign, abs=0.02)
+
+
+def test_quick_motion_that_is_seen_twice_is_ambiguous_unless_the_times_are_near_each_other():
+    at_s, bursts = np.arange(0, 12, 0.01), np.random.default_rng(2).uniform(0, 1, 1300) ** 2
+    one, limit = np.stack([at_s, bursts[50:1250]], axis=-1), round(APART_S / STEP_S)
+    for apart, ambiguous in ((6, False), (limit, False), (limit + 1, True), (25, True)):
+        both = 0.5 * (bursts[50:1250] + bursts[50 - apart : 1250 - apart])
+        found = _shift(one, np.stack([at_s, both], axis=-1))
+        assert (found is None) == ambiguous
+        assert ambiguous or found in (pytest.approx(0, abs=0.01), pytest.approx(apart * STEP_S, abs=0.01))

@@ -244,3 +244,55 @@ def test_at_the_end_images_too_near_the_last_frame_are_dropped_and_counted():
     together.drop_rest()
     assert together.dropped == {"a": 1, "b": 0}
     assert not together.pending
+
+
+LONG_S = 0.25
+"""A period whose multiples are exact in seconds, so that latencies may be exactly at a limit."""
+BOTH_NS = 100_000_000
+"""Latency that both cameras have."""
+
+
+def with_latency(together, first, latency_ns, count=20):
+    """Two cameras' next images; "b" has so much more latency than "a"."""
+    for number in range(first, first + count):
+        ready_s = 100 + LONG_S * number
+        for name, late_ns in (("a", 0), ("b", latency_ns)):
+            together.add(name, Picture(IMAGE, round(1e9 * ready_s) - BOTH_NS - late_ns, number, ready_s, 0.0))
+        together.take(ready_s)
+
+
+def test_a_camera_is_late_from_more_than_one_period_until_it_is_no_more_than_half_of_one():
+    period_ns = round(1e9 * LONG_S)
+    for before, latency_ns, late in (
+        (0, period_ns, False),
+        (0, period_ns + 1, True),
+        (period_ns + 1, period_ns, True),
+        (period_ns + 1, period_ns // 2 + 1, True),
+        (period_ns + 1, period_ns // 2, False),
+    ):
+        together = NewestInstant(("a", "b"), period_ns)
+        with_latency(together, 0, before)
+        with_latency(together, 20, latency_ns)
+        assert together.period_ns == period_ns
+        assert together.held_ns == (BOTH_NS + latency_ns if late else None)
+
+
+def test_others_wait_for_the_longest_latency_that_is_allowed_and_for_no_longer():
+    most_ns = round(1e9 * LATEST_S)
+    for latency_ns, held_ns in ((most_ns, BOTH_NS + most_ns), (most_ns + 1, None)):
+        together = NewestInstant(("a", "b"), 1e9 * LONG_S)
+        with_latency(together, 0, latency_ns)
+        assert together.late_ns() == {"a": 0.0, "b": latency_ns}
+        assert together.held_ns == held_ns
+
+
+def test_a_held_image_is_given_as_soon_as_it_is_as_old_as_those_of_the_late_camera():
+    together = NewestInstant(("a", "b"), 1e9 * LONG_S)
+    with_latency(together, 0, round(2e9 * LONG_S))
+    camera = together._cameras["a"]
+    held = camera.held[0]
+    due_s = (held.time_ns + BOTH_NS) / 1e9 + 2 * LONG_S
+    together.take(due_s - 1e-6)
+    assert camera.held[0] is held
+    together.take(due_s)
+    assert camera.last is held

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.arm_frames import arm_at, places, seen
 
-from mocapella.model.arms import SeenArm
-from mocapella.tracker.arm_tracks import ArmTracks, ArmTracksSettings
+from mocapella.model.arms import PALM, WRIST, SeenArm
+from mocapella.tracker.arm_tracks import ArmTrack, ArmTracks, ArmTracksSettings
 
 INDEX_TIP = 8
 
@@ -56,3 +58,32 @@ def test_of_two_views_that_disagree_the_one_on_the_path_of_a_moving_arm_is_right
             assert np.linalg.norm(arm.points[INDEX_TIP] - true[INDEX_TIP]) < 0.02, at_s
     assert arm.cameras == ("a", "b")
     assert tracks.disputed > 10
+
+
+def a_track(points: np.ndarray, velocity: np.ndarray, evidence: float = 0.0, at_s: float = 10.0) -> ArmTrack:
+    return ArmTrack(0, {}, evidence, at_s, at_s, points, velocity, np.full(23, 2, np.uint8), np.zeros(23, np.float32),
+                    np.zeros(21), None)  # fmt: skip
+
+
+@given(st.floats(-50, 50) | st.just(0.0))
+def test_an_arm_is_left_if_its_side_is_above_0_and_the_side_is_odd_in_the_evidence(evidence: float) -> None:
+    track, other = (a_track(arm_at(0.0), np.zeros((23, 3)), sign * evidence) for sign in (1, -1))
+    assert track.left == (evidence > 0)
+    assert track.side == -other.side
+    assert -1 <= track.side <= 1
+    sure = 1 / (1 + math.exp(-evidence))  # the probability of a left arm
+    assert track.side == pytest.approx(2 * sure - 1, abs=1e-12)
+
+
+@pytest.mark.parametrize(("after_s", "moves_s"), [(0.0, 0.0), (0.05, 0.05), (0.1, 0.1), (3.0, 0.1), (-0.05, -0.05),
+                                                  (-3.0, -0.1)])  # fmt: skip
+def test_a_palm_is_moved_on_for_as_long_as_is_allowed_forwards_and_backwards(after_s: float, moves_s: float) -> None:
+    points, velocity = arm_at(0.0), np.tile([0.5, -1.0, 2.0], (23, 1))
+    velocity[WRIST] = [-3.0, 0.0, 0.0]
+    track = a_track(points, velocity)
+    np.testing.assert_allclose(track.palm_at(10.0 + after_s, 0.1), points[PALM] + moves_s * velocity[PALM], atol=1e-12)
+    track.points = points.copy()
+    track.points[PALM] = np.nan
+    np.testing.assert_allclose(
+        track.palm_at(10.0 + after_s, 0.1), points[WRIST] + moves_s * velocity[WRIST], atol=1e-12
+    )

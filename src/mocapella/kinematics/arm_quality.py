@@ -212,7 +212,7 @@ class ArmQualityMeter:
             self._still_s += step_s
             squares = np.where(still, ((joints - joints.mean(axis=0)) ** 2).sum(axis=-1).mean(axis=0), np.nan)
             rows.append(squares)
-            if followed.frames[0][0] >= followed.pooled_until_s:  # windows that share frames would count them twice
+            if followed.frames[0][0] > followed.pooled_until_s:  # windows that share frames would count them twice
                 followed.pooled_until_s = at_s
                 self._squares += np.where(still, len(joints) * np.nan_to_num(squares), 0.0)
                 self._squared += np.where(still, len(joints), 0)

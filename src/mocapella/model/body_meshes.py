@@ -47,7 +47,7 @@ from mocapella.model.body_proportions import (
     body_shape,
     lengths_of,
 )
-from mocapella.model.rigged_mesh import Landmark, RiggedMesh, strongest
+from mocapella.model.rigged_mesh import Landmark, RiggedMesh, smooth, strongest
 from mocapella.model.twist_tree import twist_tree
 from mocapella.settings import check
 
@@ -230,7 +230,7 @@ def _made(
     if supple:
         parts = (*parts, _HEAD)
         height_of_neck = places["neck"][1]
-        share = _smooth(vertices[:, 1], height_of_neck - 0.005 * height, height_of_neck + 0.04 * height)
+        share = smooth(vertices[:, 1], height_of_neck - 0.005 * height, height_of_neck + 0.04 * height)
         weights[_HEAD], weights["torso"] = share * weights["torso"], (1.0 - share) * weights["torso"]
     bones, shares = strongest(np.column_stack([weights[part] for part in parts]))
     vertices[:, 1] = np.maximum(vertices[:, 1], 0.0)  # flat soles
@@ -272,7 +272,6 @@ def _grid(limbs: Float64, lengths: Lengths, places: dict[str, Float64], detail: 
     half = np.arange(min(0.5 * step, 0.4 * APART * h), shoulder[0] + 0.03 * h, step)
     x = np.concatenate([half, _steps([
         (half[-1], wrist[0] - 0.01 * h, 0.020 * fine), (0, tip[0] + 0.025 * h, 0.0110 * fine),
-        (0, tip[0] + 0.025 * h + 0.02 * fine, 0.01 * fine),
     ])[1:]])  # fmt: skip
     neck = places["neck"][1]
     y = _steps([
@@ -288,11 +287,6 @@ def _grid(limbs: Float64, lengths: Lengths, places: dict[str, Float64], detail: 
     return nodes
 
 
-def _smooth(x: Float64, start: float, end: float) -> Float64:
-    u = np.clip((x - start) / (end - start), 0.0, 1.0)
-    return np.asarray(u * u * (3.0 - 2.0 * u))
-
-
 def _weights(vertices: Float64, distance: Float64, places: dict[str, Float64], h: float) -> dict[str, Float64]:
     """Return each part's weight for each vertex; it changes from part to part within about a radius of a joint.
 
@@ -302,28 +296,28 @@ def _weights(vertices: Float64, distance: Float64, places: dict[str, Float64], h
         places: positions of the joints.
         h: the height.
     """
-    y, near_trunk = vertices[:, 1], _smooth(-distance[:, TRUNK], -0.025 * h, -0.005 * h)
-    of_hand = _smooth(distance[:, LEG] - distance[:, ARM], -0.03 * h, 0.0)
+    y, near_trunk = vertices[:, 1], smooth(-distance[:, TRUNK], -0.025 * h, -0.005 * h)
+    of_hand = smooth(distance[:, LEG] - distance[:, ARM], -0.03 * h, 0.0)
     weights, trunk = {}, np.ones(len(vertices))
     for side, sign in (("left", 1.0), ("right", -1.0)):
         shoulder, elbow, knee, ankle, hip = (
             places[f"{side} {name}"] for name in ("shoulder", "elbow", "knee", "ankle", "hip")
         )
         along = np.array([sign * ARM_DOWN, -ARM_DOWN, 0.0])
-        nearer = _smooth(distance[:, TRUNK] - distance[:, ARM], -0.010 * h, 0.025 * h)
-        of_arm = nearer * _smooth((vertices - shoulder) @ along, -0.030 * h, 0.045 * h)
-        bent = _smooth((vertices - elbow) @ along, -0.022 * h, 0.022 * h)
+        nearer = smooth(distance[:, TRUNK] - distance[:, ARM], -0.010 * h, 0.025 * h)
+        of_arm = nearer * smooth((vertices - shoulder) @ along, -0.030 * h, 0.045 * h)
+        bent = smooth((vertices - elbow) @ along, -0.022 * h, 0.022 * h)
         weights[f"{side} upper arm"], weights[f"{side} forearm"] = of_arm * (1 - bent), of_arm * bent
         # Between the legs half of the weight is the pelvis', the rest is shared by both legs.
         x = sign * vertices[:, 0]
-        held = 0.5 * near_trunk * (1.0 - _smooth(np.abs(x), 0.0, 0.035 * h))
-        beside = near_trunk * _smooth(x, -0.03 * h, 0.03 * h) + (1.0 - near_trunk) * np.heaviside(x, 0.5)
-        of_leg = (1 - of_hand) * (1 - held) * beside * _smooth(hip[1] - y, -0.035 * h, 0.060 * h)
-        bent, flexed = _smooth(knee[1] - y, -0.026 * h, 0.026 * h), _smooth(ankle[1] - y, -0.012 * h, 0.014 * h)
-        instep = _smooth(vertices[:, 2], 0.010 * h, 0.030 * h) * _smooth(ankle[1] + 0.03 * h - y, 0.0, 0.02 * h)
+        held = 0.5 * near_trunk * (1.0 - smooth(np.abs(x), 0.0, 0.035 * h))
+        beside = near_trunk * smooth(x, -0.03 * h, 0.03 * h) + (1.0 - near_trunk) * np.heaviside(x, 0.5)
+        of_leg = (1 - of_hand) * (1 - held) * beside * smooth(hip[1] - y, -0.035 * h, 0.060 * h)
+        bent, flexed = smooth(knee[1] - y, -0.026 * h, 0.026 * h), smooth(ankle[1] - y, -0.012 * h, 0.014 * h)
+        instep = smooth(vertices[:, 2], 0.010 * h, 0.030 * h) * smooth(ankle[1] + 0.03 * h - y, 0.0, 0.02 * h)
         flexed = np.maximum(flexed, instep)
         weights[f"{side} thigh"] = of_leg * (1 - bent)
         weights[f"{side} shank"], weights[f"{side} foot"] = of_leg * bent * (1 - flexed), of_leg * bent * flexed
         trunk = trunk - of_arm - of_leg
-    waist = _smooth(y - places["waist"][1], -0.05 * h, 0.05 * h)
+    waist = smooth(y - places["waist"][1], -0.05 * h, 0.05 * h)
     return weights | {"pelvis": trunk * (1 - waist), "torso": trunk * waist}

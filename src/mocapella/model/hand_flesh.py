@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, HandModel, HandShape
+from mocapella.model.rigged_mesh import smooth
 
 Float64 = NDArray[np.float64]
 
@@ -123,12 +124,6 @@ def hand_limbs(places: Float64, radii: Float64, *, hand_length_m: float, hand_br
         a, b = one[0] + 0.30 * (one[1] - one[0]), other[0] + 0.32 * (other[1] - other[0])
         add(CORE, a, b, 5.5 * mm, 5.0 * mm)
     return rows
-
-
-def smooth(x: Float64, start: float, end: float) -> Float64:
-    """Return a smooth step (...,) of x (...,), from 0 where x is below ``start`` to 1 where it is above ``end``."""
-    u = np.clip((x - start) / (end - start), 0.0, 1.0)
-    return np.asarray(u * u * (3.0 - 2.0 * u))
 
 
 def hand_weights(vertices: Float64, distance: Float64, bones: Float64, *, hand_length_m: float) -> Float64:

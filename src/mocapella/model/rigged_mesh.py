@@ -189,6 +189,12 @@ def rest(mesh: RiggedMesh) -> TreePose:
     return TreePose(np.eye(4), np.zeros(len(mesh.joint_names)))
 
 
+def smooth(x: Float64, start: float, end: float) -> Float64:
+    """Return a smooth step (...,) of x (...,), from 0 where x is below ``start`` to 1 where it is above ``end``."""
+    u = np.clip((x - start) / (end - start), 0.0, 1.0)
+    return np.asarray(u * u * (3.0 - 2.0 * u))
+
+
 def strongest(weights: Float64, most: int = 4) -> tuple[Int32, Float64]:
     """Convert dense skinning weights (n, parts), 0 or more, to ``bones`` and ``shares`` (n, most) of `RiggedMesh`.
 

@@ -36,7 +36,7 @@ def pictures(looked: Looked) -> Mapping[str, UInt8]:
     first, second, third, hand = looked.separated, looked.outline, looked.lines, looked.hand
     most = max(int(first.millimetres.max()), 1)
     out: dict[str, UInt8] = {
-        "16 bits": (first.millimetres.astype(np.float64) * (255 / most)).astype(np.uint8),
+        "16 bits": (first.millimetres.astype(np.float64) * 255 / most).astype(np.uint8),
         "8 bits": first.gray,
         "median": first.median,
         "Gaussian": first.gaussian,

@@ -127,23 +127,23 @@ class PacedPictures:
 
     def _of_film(self, capture: cv2.VideoCapture) -> Iterator[tuple[float, float, UInt8]]:
         first_s = begun_s = 0.0
-        count = 0
+        before_s: float | None = None  # the last frame's time in this turn
         while True:
             if not capture.grab():
-                if not count or not self._loop:
+                if before_s is None or not self._loop:
                     return
                 capture.release()
                 capture.open(str(self._path))
-                begun_s, count = self._next_s, 0
+                begun_s, before_s = self._next_s, None
                 continue
             stamp_s = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
-            first_s = first_s if count else stamp_s
+            first_s = stamp_s if before_s is None else first_s
             begin = self._clock()
             read, image = capture.retrieve()
             if not read:
                 return
             at_s = begun_s + stamp_s - first_s
-            if count and (self._wished_fps is not None or at_s <= self._next_s - 1 / self._fps):
+            if before_s is not None and (self._wished_fps is not None or at_s <= before_s):
                 at_s = self._next_s
-            count += 1
+            before_s = at_s
             yield at_s, self._clock() - begin, np.asarray(image, dtype=np.uint8)

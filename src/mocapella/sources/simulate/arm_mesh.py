@@ -39,8 +39,8 @@ from mocapella.model.hand_flesh import (
     finger_radii,
     hand_limbs,
     hand_weights,
-    smooth,
 )
+from mocapella.model.rigged_mesh import smooth
 from mocapella.settings import check, parse
 
 Float64 = NDArray[np.float64]
