@@ -10,7 +10,7 @@ import pytest
 from support.moved_wand import DELAY_S, HZ, ON_BODY, T_WORLD_VR, moved, wand
 
 from mocapella.calibration.space_observations import SpaceObservations
-from mocapella.errors import SettingsError
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.observations import JointState
 from mocapella.model.scene import TrackedObject, TrackedPoints
 
@@ -81,3 +81,28 @@ def test_poses_are_of_the_named_space_and_have_a_time(space: str, begin_s: int) 
     found.update([late])  # its scene has not come
     at_s, _ = found.poses()
     assert at_s == pytest.approx(1.011 + begin_s + np.arange(HZ) / HZ)
+
+
+def test_what_is_unknown_is_named_with_what_there_is() -> None:
+    """Of a session, the nodes are to be started; of a take, they were to be recorded."""
+    empty, take = SpaceObservations("LHR-1", thing="wand"), SpaceObservations("LHR-1", thing="wand", source="a.mcap")
+    with pytest.raises(InputError, match="no poses of another tracker came; start mocapella node"):
+        empty.poses()
+    with pytest.raises(InputError, match=r"a\.mcap: has no poses of another tracker; record with node"):
+        take.poses()
+    with pytest.raises(SettingsError, match="--object 'wand': there are none"):
+        empty.points()
+    with pytest.raises(SettingsError, match="--object 'wand': the take has none"):
+        take.points()
+    found = SpaceObservations("LHR-9", space="stage", thing="wnd")
+    for count, (scene, frame) in enumerate(moved(1)):
+        found.update([scene] if frame is None else [scene, frame])
+        assert found.scenes == count + 1
+    with pytest.raises(InputError, match="--space is one of vr"):
+        found.poses()
+    with pytest.raises(SettingsError, match="--object 'wnd': there are wand"):
+        found.points()
+    other = SpaceObservations("LHR-9", thing="wand")
+    other.update(frame for _, frame in moved(1) if frame is not None)
+    with pytest.raises(InputError, match=r"LHR-9.*--body is one of LHR-1"):
+        other.poses()

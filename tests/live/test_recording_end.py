@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.record_bus import Bus
+from support.record_bus import NODE, Bus, frame
 
 from mocapella.errors import NotNowError, TakeExistsError
 from mocapella.live import record_path
@@ -31,8 +31,8 @@ class Place:
         )
         self._begun: list[tuple[Recorder, record_path.RecordPath]] = []
 
-    def begin(self, path: Path, *, resume: bool = False) -> Recorder:
-        self.service.begin(path, resume=resume)
+    def begin(self, path: Path, *, resume: bool = False, newest: dict[NodeKey, int] | None = None) -> Recorder:
+        self.service.begin(path, resume=resume, newest=newest)
         recorder, requests = self.service.recorder, self.service._record_path
         assert recorder is not None
         assert requests is not None
@@ -128,3 +128,23 @@ def test_a_session_that_does_not_run_is_recorded_as_stopped(place: Place, tmp_pa
     place.service.finish()
     verbs = [one.values["verb"] for one in read_take(tmp_path / "a.mcap").commands()]
     assert verbs == (["restore"] if running else ["restore", "stop", "stop"])
+
+
+def test_a_new_take_begins_after_the_newest_frames_and_one_that_goes_on_has_all(place: Place, tmp_path: Path) -> None:
+    def recorded(*numbers: int, resume: bool) -> int:
+        recorder = place.begin(tmp_path / "a.mcap", resume=resume, newest={NODE: 4})
+        for number in numbers:
+            recorder.frame(NODE, frame(number), number, number)
+        place.service.interrupt()
+        return place.service.health().frames
+
+    assert recorded(3, 4, 5, 6, resume=True) == 2  # there is none yet
+    assert recorded(3, 7, resume=True) == 4
+    assert place.service.health().active is False
+
+
+def test_a_take_is_not_replaced_by_a_new_one(place: Place, tmp_path: Path) -> None:
+    place.begin(tmp_path / "a.mcap")
+    place.service.interrupt()
+    with pytest.raises(TakeExistsError):
+        place.service.begin(tmp_path / "a.mcap")

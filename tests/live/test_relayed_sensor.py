@@ -149,8 +149,10 @@ def test_at_the_end_all_is_acknowledged_unless_something_is_not_stored(problem: 
         relayed.send(k, 100 * S)
     relayed.link.unstored = problem
     assert relayed.acknowledged(100 * S) == 0
+    assert not relayed.sensor.closed
     relayed.sensor.end()
     relayed.sensor.wait()
+    assert relayed.sensor.closed
     assert relayed.sensor.problem == relayed.sensor.unstored == problem
     assert relayed.acknowledged(100 * S) == (0 if problem else 3)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.recording.accounts import Accounts
-from mocapella.recording.ledger import LedgerRow
+from mocapella.recording.ledger import LedgerRow, NodeLedger
 
 ASKED, SILENT = ("front", 1), ("side", 2)
 
@@ -50,3 +50,31 @@ def test_a_frame_that_comes_twice_is_a_duplicate_and_waits_for_the_disk_once() -
     assert (accounts.duplicates, accounts.pending, accounts.stored) == (1, 1, 0)
     accounts.commit()
     assert (accounts.pending, accounts.stored, accounts.frames) == (0, 1, {"side": 1})
+
+
+def test_at_the_end_nodes_with_an_unknown_end_have_a_row_and_others_only_if_something_changed() -> None:
+    accounts = Accounts({})
+    for node in (ASKED, SILENT):
+        accounts.change(node, lambda ledger: ledger.expect(0))
+    accounts.change(ASKED, lambda ledger: ledger.finish(0))
+    assert set(rows(accounts)) == {"front", "side"}
+    assert set(rows(accounts)) == set()
+    last = [msgspec.json.decode(one, type=LedgerRow).sensor for one in accounts.take_rows(last=True)]
+    assert last == ["side"]
+
+
+def test_frames_that_a_failed_disk_has_lost_are_pending_again() -> None:
+    accounts = Accounts({})
+    for node, count in ((ASKED, 5), (SILENT, 3)):
+        for number in range(count):
+            accounts.wants(node, number)
+            accounts.receive(node, number)
+    accounts.commit()
+    accounts.wants(ASKED, 5)
+    accounts.receive(ASKED, 5)
+    read_back = NodeLedger()
+    for number in range(4):
+        read_back.put_back(number)
+    read_back.commit()
+    accounts.recount({ASKED: read_back})
+    assert (accounts.frames, accounts.stored, accounts.pending) == ({"front": 4}, 4, 5)  # 2 of the one, 3 of the other
