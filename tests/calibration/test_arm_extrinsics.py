@@ -174,3 +174,54 @@ def test_a_share_of_the_wanted_frames_is_told_in_tenths() -> None:
         told.append(calibration.needs("b").partition("(")[2])
         calibration.instants.setdefault("b", []).append(None)  # type: ignore[arg-type]
     assert told == [f"{10 * (k // 6)} % done)" for k in range(60)]
+
+
+@pytest.mark.parametrize(
+    ("own", "theirs", "chosen"),
+    [
+        ("l", "l", 0),
+        ("l", "r", 0),  # alone in both: a camera may take a left arm for a right one
+        ("lr", "lr", 0),
+        ("rl", "lr", 1),
+        ("lr", "r", 1),
+        ("r", "lr", 0),
+        ("llr", "lr", 2),
+        ("lr", "llr", 1),
+        ("ll", "l", None),
+        ("l", "ll", None),
+        ("l", "rr", None),
+        ("llrr", "lr", None),
+        ("", "l", None),
+        ("l", "", None),
+    ],
+)
+def test_an_arm_is_paired_if_it_is_the_only_one_or_the_only_one_of_its_side(
+    own: str, theirs: str, chosen: int | None
+) -> None:
+    rng = np.random.default_rng(0)
+    mine, others = (
+        [seen(arm_at(0.0), "a", rng, left=side == "l", number=k) for k, side in enumerate(sides)]
+        for sides in (own, theirs)
+    )
+    found = arm_extrinsics._only(mine, others)
+    assert (found is None) == (chosen is None)
+    assert found is None or found.id == chosen
+
+
+def test_a_frame_counts_only_if_both_cameras_see_one_arm_all_the_time() -> None:
+    """Not if an arm has another number in a frame that is needed, nor if a camera has none."""
+
+    def count(change: Callable[[str, int], list[SeenArm] | None]) -> int:
+        calibration, rng = ArmExtrinsics(FAST), np.random.default_rng(0)
+        for k in FRAMES:
+            for camera, at_s in (("a", k / FPS), ("b", (k + 0.5) / FPS)):
+                arms = change(camera, k)
+                arms = [seen(arm_at(at_s), camera, rng)] if arms is None else arms
+                calibration.update(camera, arms, at_s, {"a": places()["a"]})
+        return len(calibration.instants["b"])
+
+    other = seen(arm_at(0.1), "b", np.random.default_rng(0), number=5)
+    assert count(lambda *_: None) == len(PAIRED)
+    for camera, needed in (("a", 2), ("b", 3)):
+        for arms in ([], [other]):
+            assert count(lambda c, k, of=camera, arms=arms: arms if (c, k) == (of, 4) else None) == len(PAIRED) - needed
