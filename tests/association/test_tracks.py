@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocapella.association.tracks import Tracks, TrackSettings, assign, distances
+from mocapella.association.tracks import TrackMemory, Tracks, TrackSettings, assign, distances
 from mocapella.errors import SettingsError
 
 DT = 1 / 30
@@ -164,6 +164,88 @@ def test_two_whom_one_sensor_sees_both_stay_two_however_close() -> None:
     room = Room(stands(0.0), stands(0.05))
     room.run(2.0, ("front",))
     assert [room.people(0), room.people(1)] == [[0], [1]]
+
+
+def several(*places: float, seen_by: Sequence[Sequence[int]], settings: TrackSettings | None = None) -> Tracks:
+    """Confirmed people 10, 11, … along a line, each seen by some of the sensors 0, 1, …"""
+    tracks = Tracks(settings)
+    m = tracks.memory = TrackMemory.empty(len(places), 1 + max(map(max, seen_by)), 3)
+    m.person[:] = 10 + np.arange(len(places))
+    m.middle[:] = [spine((x, 3.0)) for x in places]
+    m.confirmed[:] = True
+    m.size[:] = np.arange(len(places))[:, None, None]
+    m.since_s[:], m.seen_s[:] = -10.0 + np.arange(len(places)), -np.arange(len(places))
+    for k, sensors in enumerate(seen_by):
+        m.body[k, list(sensors)] = [100 * k + sensor for sensor in sensors]
+        m.body_s[k, list(sensors)] = -0.01 * (1 + np.array(sensors))
+    return tracks
+
+
+def joined(tracks: Tracks, *times: float) -> list[list[int]]:
+    """The numbers of the people who are left after each time."""
+    left = []
+    for at_s in times:
+        tracks._join(at_s)
+        left.append(tracks.people)
+    return left
+
+
+@pytest.mark.parametrize("apart_m", [0.25, 0.3, 0.301])
+def test_two_become_one_once_they_have_been_together_for_long_enough(apart_m: float) -> None:
+    tracks = several(0.0, apart_m, seen_by=[[0], [1]], settings=TrackSettings(same_within_m=0.3, same_after_s=0.5))
+    together = apart_m <= 0.3
+    assert joined(tracks, 7.0, 7.499, 7.5) == [[10, 11], [10, 11], [10] if together else [10, 11]]
+    assert tracks.merged == (((10, 11),) if together else ())
+    joined(tracks, 8.0)
+    assert tracks.merged == ()
+
+
+def test_time_together_is_without_a_break() -> None:
+    tracks = several(0.0, 0.25, seen_by=[[0], [1]])
+    joined(tracks, 7.0, 7.4)
+    tracks.memory.middle[1, :, 0] += 1.0
+    joined(tracks, 7.45)
+    tracks.memory.middle[1, :, 0] -= 1.0
+    assert joined(tracks, 7.5, 7.75, 8.0) == [[10, 11], [10, 11], [10]]
+
+
+@pytest.mark.parametrize(
+    ("seen_by", "left"), [([[0], [1]], [10]), ([[0], [0, 1]], [10, 11]), ([[0, 1], [1]], [10, 11])]
+)
+def test_two_whom_a_sensor_sees_together_are_two(seen_by: list[list[int]], left: list[int]) -> None:
+    assert joined(several(0.0, 0.1, seen_by=seen_by), 7.0, 9.0)[-1] == left
+
+
+def test_one_whom_nobody_sees_is_joined_to_nobody() -> None:
+    tracks = several(0.0, 0.1, seen_by=[[0], [1]])
+    tracks.memory.body_s[1] = -np.inf
+    assert joined(tracks, 7.0, 9.0)[-1] == [10, 11]
+
+
+def test_who_is_joined_takes_nobody_along_who_is_only_near_him() -> None:
+    """Of three in a row the outer ones are too far apart, so the third stays when the second becomes the first."""
+    assert joined(several(0.0, 0.25, 0.5, seen_by=[[0], [1], [2]]), 7.0, 9.0)[-1] == [10, 12]
+    assert joined(several(0.0, 0.1, 0.2, seen_by=[[0], [1], [2]]), 7.0, 9.0)[-1] == [10]
+
+
+@pytest.mark.parametrize("confirmed", [(True, True), (True, False), (False, True), (False, False)])
+def test_who_two_become_has_what_is_known_of_either(confirmed: tuple[bool, bool]) -> None:
+    """The number and the place are those of the first, and the lengths are, unless only the second is confirmed."""
+    for late in (0, 1):
+        tracks = several(0.0, 0.1, seen_by=[[0, 3], [1]])
+        m = tracks.memory
+        m.confirmed[:], m.since_s[late], m.seen_s[late] = confirmed, -2.0, -0.5
+        before = tracks.memory.taken(np.arange(2))
+        joined(tracks, 7.0, 9.0)
+        one = tracks.memory
+        assert one.person.tolist() == [10]
+        assert one.since_s.tolist() == [before.since_s.min()]
+        assert one.seen_s.tolist() == [before.seen_s.max()]
+        assert one.confirmed.tolist() == [any(confirmed)]
+        assert (one.size == (1.0 if confirmed == (False, True) else 0.0)).all()
+        np.testing.assert_array_equal(one.middle[0], before.middle[0])
+        np.testing.assert_array_equal(one.body_s[0], before.body_s.max(axis=0))
+        assert one.body[0, [0, 1, 3]].tolist() == [0, 101, 3]
 
 
 def test_a_body_of_whose_middle_nothing_is_seen_is_who_it_was_and_nobody_new() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mocapella.calibration.rig_in_world import REMEMBERED, RigAlignment, RigInWorldSettings
+from mocapella.calibration.rig_in_world import REMEMBERED, RigAlignment, RigInWorld, RigInWorldSettings
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.geometry.twists import exp_twist
@@ -71,6 +71,61 @@ def test_of_two_people_each_body_is_the_one_that_goes_as_it_does() -> None:
     assert alignment.found is not None
     assert alignment.found.pairs == {"a": 8, "b": 3}
     np.testing.assert_allclose(alignment.found.T_world_rig, T, atol=0.05)
+
+
+HALF = np.random.default_rng(8).normal(0.0, (0.02, 0.08, 0.1), (6, 3)) + np.array([0.2, 0.0, 0.0])
+SYMMETRIC = np.stack([HALF, HALF * [-1, 1, 1]], axis=1).reshape(-1, 3)
+"""Somebody's joints, in pairs of left and right, which are apart along x."""
+
+
+def swapped_walk(
+    seed: int, *, noise_m: float = 0.0, turned: float = 0.0, hidden: float = 0.0, labels: float = 0.5
+) -> tuple[Float64, Float64]:
+    """(samples, joints, 3) of somebody who goes along, as people and bodies see it, with left and right swapped.
+
+    ``hidden`` is the share of joints that are not seen, and ``labels`` the share of samples with swapped labels.
+    """
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(-turned, turned, 30)
+    places = np.stack([rigid(exp_twist([0, 0, 0, 0, a, 0])[:3, :3], [0.3, 0.9, 0.05 * k]) for k, a in enumerate(turn)])
+    views = [apply(places, SYMMETRIC) + rng.normal(0, noise_m, (30, 12, 3)) for _ in range(2)]
+    swapped = rng.random(30) < labels
+    views[1][swapped] = views[1][swapped].reshape(-1, 6, 2, 3)[:, :, ::-1].reshape(-1, 12, 3)
+    views[0][(rng.random((30, 12)) < hidden) & (np.arange(12) >= 4)] = np.nan
+    return views[0], views[1]
+
+
+def found_from(people: Float64, bodies: Float64) -> RigInWorld:
+    alignment = RigAlignment()
+    for k, (person, body) in enumerate(zip(people, bodies, strict=True)):
+        alignment.update({"a": body}, {1: person}, k / 8)
+    assert alignment.found is not None
+    return alignment.found
+
+
+@given(st.integers(0, 1000), st.lists(st.floats(-3, 3), min_size=6, max_size=6))
+@settings(max_examples=6)
+def test_exact_joints_give_the_exact_motion_though_left_and_right_are_swapped(seed: int, twist: list[float]) -> None:
+    people, bodies = swapped_walk(seed, turned=0.5)
+    T = exp_twist(np.array(twist))
+    found = found_from(people, apply(inverse(T), bodies))
+    np.testing.assert_allclose(found.T_world_rig, T, atol=1e-9)
+    assert found.residual_m < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("of_people", [True, False])
+def test_labels_do_not_depend_on_where_the_origins_are(seed: int, of_people: bool) -> None:
+    """Here one is far off, in the direction in which left and right are apart, and joints are hidden."""
+    people, bodies = swapped_walk(seed, noise_m=0.03, hidden=0.4, labels=1.0)
+    here, away = found_from(people, bodies), np.array([1000.0, 0.0, 0.0])
+    if of_people:
+        there, expected = found_from(people + away, bodies), apply(here.T_world_rig, bodies) + away
+    else:
+        there, expected = found_from(people, bodies + away), apply(here.T_world_rig, bodies)
+        bodies = bodies + away
+    np.testing.assert_allclose(apply(there.T_world_rig, bodies), expected, atol=1e-6)
+    assert there.residual_m == pytest.approx(here.residual_m, abs=1e-6)
 
 
 def test_who_stands_still_shows_nothing() -> None:

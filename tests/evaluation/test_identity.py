@@ -95,6 +95,20 @@ def test_alphas_count_by_how_near_the_match_is() -> None:
     assert scored.hota == pytest.approx(10 / 19)
 
 
+@pytest.mark.parametrize("twentieths", range(21))
+def test_a_match_counts_at_each_twentieth_up_to_its_similarity(twentieths: int) -> None:
+    """Of the 19 from 0.05 to 0.95, as HOTA's authors average it."""
+    scored = hota([frame([0], [1], {(0, 1): twentieths / 20})] * 3)
+    assert scored.hota == scored.detection == scored.association == pytest.approx(min(twentieths, 19) / 19)
+
+
+@pytest.mark.parametrize(("similar", "matched"), [(0.5, True), (np.nextafter(0.5, 0.0), False)])
+def test_a_half_is_similar_enough_to_be_the_same(similar: float, matched: bool) -> None:
+    frames = [frame([0], [k], {(0, k): similar}) for k in (1, 2)]
+    assert identity_switches(frames) == int(matched)
+    assert idf1(frames) == (0.5 if matched else 0.0)
+
+
 def test_a_found_person_too_many_lowers_detection() -> None:
     frames = [frame([0], [1, 2], {(0, 1): 1.0})] * 4
     assert hota(frames).detection == 0.5

@@ -17,10 +17,13 @@ from mocapella.evaluation import sensor_errors
 from mocapella.evaluation.facing_sessions import AlignedViews
 from mocapella.evaluation.labelled_views import LabelledViews, mirrored_better
 from mocapella.evaluation.sensor_error_fit import (
+    KNOTS_S,
+    LAG_S,
     autocovariance,
     fit_bias,
     fit_correlation,
     fit_spread,
+    fit_white_noise,
     knot_autocorrelation,
     unexplained,
 )
@@ -35,6 +38,7 @@ from mocapella.sources.simulate.measured import (
     SensorErrors,
     bias_place,
     measured_errors,
+    spline_weights,
     view_axes,
 )
 from mocapella.sources.simulate.room import PersonSettings
@@ -89,6 +93,57 @@ def test_white_noise_has_no_memory_and_splines_have_that_of_their_knots() -> Non
     assert known[0] == pytest.approx(1)
     assert (np.diff(known) < 0).all()
     assert known[-1] == pytest.approx(0, abs=1e-9)
+
+
+def splines(step: float, frames: int, series: int, rng: np.random.Generator) -> np.ndarray:
+    """(frames, series) random cubic splines of variance 1, with a frame every ``step`` knots."""
+    places = step * np.arange(frames)
+    first = np.floor(places).astype(int)
+    knots = rng.normal(size=(first[-1] + 4, series))
+    weights = np.stack([spline_weights(float(place - k)) for place, k in zip(places, first, strict=True)])
+    return np.einsum("fw,fws->fs", weights, knots[first[:, None] + np.arange(4)])
+
+
+def test_the_memory_of_a_spline_is_that_of_splines_with_knots_anywhere() -> None:
+    """Of many splines, with eight frames between two knots."""
+    made = splines(1 / 8, 1600, 300, np.random.default_rng(1))
+    lags = np.array([0, 2, 4, 8, 16])
+    measured = [(made[lag:] * made[: len(made) - lag]).mean() for lag in lags]
+    np.testing.assert_allclose(knot_autocorrelation(0.4, lags * 0.05), measured, atol=0.015)
+    np.testing.assert_allclose(knot_autocorrelation(2.0, lags * 0.25), knot_autocorrelation(0.4, lags * 0.05))
+
+
+def standing_views(white_m: np.ndarray, spline_m: float) -> LabelledViews:
+    """Somebody who stands and faces the first sensor, whose joints shake; in Walk, and to the second, they shake more.
+
+    In Walk, the person faces the second sensor.
+    """
+    rng, stands, walks = np.random.default_rng(2), 1000, 100
+    walking = np.arange(stands + walks) >= stands
+    shape = (stands + walks, 2, 25, 3)
+    seen = standing() + white_m[:, None] * rng.normal(size=shape)
+    smooth = splines(LAG_S / KNOTS_S[0], shape[0], 25 * 3, rng).reshape(shape[0], 25, 3)
+    seen[:, 0] += spline_m * smooth
+    seen[:, 1] += 0.1 * rng.normal(size=seen[:, 1].shape)
+    seen[walking] += 0.1 * rng.normal(size=seen[walking].shape)
+    alpha = np.where(walking[:, None], [2.5, 0.1], [-0.4, 2.5])
+    zeros, task = np.zeros(shape[:2]), np.where(walking, SCENARIOS["walk"], SCENARIOS["stationary"])
+    raw = AlignedViews(zeros, task, seen, seen, np.zeros((2, 3)), zeros)
+    return LabelledViews("x", 0, raw, alpha, alpha, zeros > 1, seen, np.zeros(shape[:3], dtype=bool))
+
+
+@pytest.mark.parametrize("spline_m", [0.0, 0.004])
+def test_white_noise_is_what_shakes_those_who_stand_and_face_a_sensor_and_what_splines_do_not(spline_m: float) -> None:
+    white_m = np.linspace(0.002, 0.006, 25)
+    sd = np.full((25, 2, 3), 0.02)
+    share = np.array([(spline_m / 0.02) ** 2, 0.0, 0.0])
+    found = fit_white_noise([standing_views(white_m, spline_m)], sd, share)
+    assert found == pytest.approx(white_m, rel=0.12)
+
+
+def test_there_is_no_white_noise_if_splines_shake_more_than_the_views() -> None:
+    found = fit_white_noise([standing_views(np.full(25, 0.001), 0.0)], np.full((25, 2, 3), 0.02), np.ones(3))
+    assert (found == 0).all()
 
 
 def test_people_of_different_lengths_are_told_apart_and_twins_are_not() -> None:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from support.facing_bodies import ACROSS_X, KINECT, MIRROR
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.fusion import facing_model
 from mocapella.fusion.facing import FacingSettings
-from mocapella.fusion.facing_grid import BINS, YAWS, most_likely
+from mocapella.fusion.facing_grid import BIN, BINS, STEP_S, YAWS, most_likely, turned, turned_on
 from mocapella.fusion.facing_model import (
     MOST_SCORE,
     SHAPE_BINS,
     SPEEDS,
+    YAW_BINS,
     from_json,
     neighbours,
     read_model,
@@ -38,7 +42,7 @@ from mocapella.fusion.facing_shape import (
     fit_classifier,
     view_of,
 )
-from mocapella.fusion.facing_training import FacingSequence, TrainingSettings, posteriors, train
+from mocapella.fusion.facing_training import FacingSequence, TrainingSettings, believed, posteriors, train
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import rotation_about_y
 
@@ -184,6 +188,107 @@ def test_between_bins_that_do_not_wrap_lines_stay_lines_and_beyond_the_ends_is_t
     first, second, part = neighbours(np.array(place), count, wraps=False)
     line = np.arange(count, dtype=np.float64)
     assert (1 - part) * line[first] + part * line[second] == pytest.approx(np.clip(place, 0, count - 1))
+
+
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 1.0])
+def test_a_yaw_between_two_bins_says_what_lies_between_what_they_say(part: float) -> None:
+    table = shipped_model().yaw
+    for j in range(YAW_BINS):
+        said = shipped_model().yaw_evidence(np.array((j + part - YAW_BINS / 2) * BIN))
+        after = table[:, (j + 1) % YAW_BINS]  # half a turn further the labels are the same, only swapped
+        np.testing.assert_allclose(said, table[:, j] + part * (after - table[:, j]), atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5])
+def test_a_shape_between_two_bins_says_what_lies_between_what_they_say(part: float) -> None:
+    table = np.random.default_rng(0).normal(size=(BINS, SHAPE_BINS))
+    known = np.arange(SHAPE_BINS - 1)
+    scores = (2 * (known + part) / (SHAPE_BINS - 1) - 1) * MOST_SCORE
+    scored = SimpleNamespace(score=lambda _: (scores, np.full(len(scores), 0.5)))
+    said = msgspec.structs.replace(untrained(), shape=table, classifier=scored).shape_evidence(scores)
+    expected = 0.5 * (table[:, :-1] + part * np.diff(table, axis=1))  # half of the features are seen
+    np.testing.assert_allclose(said, expected.T, atol=1e-9)
+
+
+def test_what_is_not_seen_says_nothing() -> None:
+    model = shipped_model()
+    assert (model.yaw_evidence(np.array(np.nan)) == 0).all()
+    assert (model.motion_evidence(np.full(3, np.nan)) == 0).all()
+    assert untrained().shape_evidence(np.zeros(len(FEATURES))) is None
+
+
+@given(st.integers(0, BINS - 1))
+def test_a_motion_says_what_the_row_of_its_speed_says_turned_to_its_heading(heading: int) -> None:
+    """From the row's speed on, whatever the vertical speed; below the first it says nothing."""
+    model, yaw = shipped_model(), heading * BIN
+    ahead = np.array([np.sin(yaw), 0.0, np.cos(yaw)])
+    for row, speed in enumerate(SPEEDS):
+        for faster in (1.001, 1.3):
+            said = model.motion_evidence(faster * speed * ahead + [0.0, 2.0, 0.0])
+            np.testing.assert_allclose(said, np.roll(model.motion[row], heading), atol=1e-9)
+    assert (model.motion_evidence(0.999 * SPEEDS[0] * ahead) == 0).all()
+
+
+@given(
+    arrays(np.float64, (3, BINS), elements=st.floats(0.1, 1)),
+    arrays(np.float64, (3, BINS), elements=st.floats(-5, 5)),
+    st.floats(-2000, 2000),
+)
+@few
+def test_belief_follows_bayes_whatever_is_added_to_all_likelihoods(p: Any, likelihoods: Any, added: float) -> None:
+    after = believed(p, likelihoods + added)
+    np.testing.assert_allclose(after.sum(axis=-1), 1)
+    odds = after[:, 1:] / after[:, :-1] / (p[:, 1:] / p[:, :-1])
+    np.testing.assert_allclose(np.log(odds), np.diff(likelihoods), atol=1e-6)
+
+
+def shown(views: int, velocity: Any, frames: int = 1, step_s: float = STEP_S) -> FacingSequence:
+    """Somebody at a constant velocity, whom sensors see at different angles."""
+    rng = np.random.default_rng(0)
+    toward, seen = rng.uniform(-3, 3, (frames, views)), rng.uniform(-1.5, 1.5, (frames, views))
+    view = View(toward + seen, seen, rng.normal(size=(frames, views, len(FEATURES))))
+    unknown = np.full(frames, np.nan)
+    return FacingSequence(step_s * np.arange(frames), view, toward, np.tile(velocity, (frames, 1)), unknown)
+
+
+WALK = np.array([0.6, 0.0, 0.7])
+
+
+@pytest.mark.parametrize(
+    "weights", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.25), (0.3, 0.7, 0.4)]
+)
+@pytest.mark.parametrize("views", [1, 2])
+def test_the_first_frame_adds_up_what_all_views_and_the_motion_say_by_their_weights(
+    weights: tuple[float, float, float], views: int
+) -> None:
+    model, sequence = shipped_model(), shown(views, WALK)
+    yaw, shape, motion = weights
+    used = FacingSettings(yaw_weight=yaw, shape_weight=shape, motion_weight=motion)
+    said = motion * model.motion_evidence(WALK)
+    for k in range(views):
+        toward, features = sequence.toward_sensor[0, k], sequence.view.features[0, k]
+        of_shape = model.shape_evidence(features)
+        assert of_shape is not None
+        said = said + turned(yaw * model.yaw_evidence(sequence.view.seen[0, k]) + shape * of_shape, toward)
+    (p,) = posteriors([sequence], model, used)
+    np.testing.assert_allclose(np.diff(np.log(p[0])), np.diff(said), atol=1e-6)
+
+
+def test_a_frame_in_which_nobody_is_seen_says_nothing_of_motion_either() -> None:
+    sequence = shown(1, WALK)
+    sequence.view.reported[:] = np.nan
+    (p,) = posteriors([sequence], shipped_model(), FacingSettings())
+    np.testing.assert_allclose(p, 1 / BINS)
+
+
+@pytest.mark.parametrize(("steps", "counts"), [(0.5, 0.5), (1.0, 1.0), (2.0, 1.0)])
+def test_a_frame_counts_by_the_time_since_the_last_and_no_more_than_once(steps: float, counts: float) -> None:
+    """So many frames of one moment are no more certain than a few."""
+    model = shipped_model()
+    used = FacingSettings(yaw_weight=0.0, shape_weight=0.0, motion_weight=0.5)
+    (p,) = posteriors([shown(1, WALK, 2, steps * STEP_S)], model, used)
+    gained = np.log(p[1]) - np.log(turned_on(p[0], steps))
+    np.testing.assert_allclose(np.diff(gained), counts * 0.5 * np.diff(model.motion_evidence(WALK)), atol=1e-6)
 
 
 def sequences(seed: int, people: int = 3, known: bool = True) -> list[FacingSequence]:

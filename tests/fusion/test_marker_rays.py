@@ -4,6 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.marker_motion import LENS, hand, pair, shot
 
 from mocapella.errors import SettingsError
@@ -175,6 +177,27 @@ def test_after_a_reset_it_is_as_new() -> None:
 def test_a_row_is_captured_later_and_a_clock_that_is_ahead_says_more() -> None:
     camera = pair(readout_s=0.02, clock_s=3.0).cameras["right"]
     np.testing.assert_allclose(captured(camera, [0.0, 479.0], 10.0), [7.0, 7.02])
+
+
+@given(st.lists(st.tuples(st.sampled_from(["left", "right"]), st.integers(0, 6)), max_size=12))
+def test_a_frame_is_late_if_its_camera_had_one_of_that_time_or_later(shots: list[tuple[str, int]]) -> None:
+    rig = pair(clock_s=2.0)
+    rays, nothing, late = MarkerRays(rig, 1), np.full((1, 2), np.nan), 0
+    newest: dict[str, int] = {}
+    for name, at_s in shots:
+        result = rays.update(name, nothing, SD_PX, at_s)
+        late += at_s <= newest.get(name, -1)
+        newest[name] = max(at_s, newest.get(name, -1))
+        assert result.at_s == max(t - rig.cameras[other].clock_s for other, t in newest.items())
+    assert rays.report.frames_late == late
+
+
+def test_the_time_is_that_of_the_latest_row_of_a_seen_marker() -> None:
+    rig = pair(readout_s=0.02)
+    rays = MarkerRays(rig, 3)
+    seen = np.array([[300.0, 100.0], [300.0, 479.0], [np.nan, np.nan]])
+    assert rays.update("left", seen, SD_PX, 1.0).at_s == pytest.approx(1.02)
+    assert rays.update("left", seen[[0, 0, 2]], SD_PX, 2.0).at_s == pytest.approx(2.0 + 0.02 * 100 / 479)
 
 
 def test_what_is_not_of_the_rig_is_refused() -> None:

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.take_making import SECOND, frame, info, scene_bytes
 
-from mocapella.errors import RecordingError
+from mocapella.errors import RecordingError, WireError
 from mocapella.live import recorder as recorders
 from mocapella.live.record_path import ON_THE_WAY_S, RecordPath, _Contact, hear_answer
-from mocapella.live.recorder import Recorder
+from mocapella.live.recorder import Recorder, WantedFrames
 from mocapella.recording import disk
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
@@ -41,6 +43,25 @@ def test_a_frame_that_was_on_its_way_as_the_take_began_belongs_to_it(tmp_path: P
     recorder.account(FRONT, partial(hear_answer, answer=answer, first=None, end=16))
     health = recorder.close()
     assert (health.frames, health.lost) == (3, 0)
+
+
+@given(st.sets(st.integers(0, 30), min_size=1), st.data())
+def test_an_answer_has_each_wanted_number_once_whatever_can_be_decoded(numbers: set[int], data: st.DataObject) -> None:
+    """A node sends the wanted frames in order, so one that cannot be decoded is the next of them."""
+    order = sorted(numbers)
+    starts = [n for n in order if n - 1 not in numbers]
+    ends = [n for n in order if n + 1 not in numbers]
+    wanted = WantedFrames(list(zip(starts, ends, strict=True)))
+    for number in order:
+        if data.draw(st.booleans()):
+            wanted.take(number)
+        else:
+            assert wanted.unreadable() == number
+    assert wanted.unreadable() is None
+    for first, last in wanted.ranges:
+        for other in (first - 1, last + 1):
+            with pytest.raises(WireError, match=f"sequence {other} was not asked for"):
+                wanted.take(other)
 
 
 def test_what_was_tracked_before_the_take_does_not_belong_to_it(tmp_path: Path) -> None:

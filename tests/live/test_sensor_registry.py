@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocapella.errors import WireError
-from mocapella.live.sensor_registry import NodeStanding, SensorRegistry
+from mocapella.live.sensor_registry import STOOD_STILL_S, NodeStanding, SensorRegistry
 from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import depth_frame
 from mocapella.model.limits import MOST_SENSORS, MOST_UNPROVEN, UNPROVEN_S
@@ -153,6 +153,43 @@ def test_a_server_that_stood_still_itself_waits_for_its_sensors_again() -> None:
     for tenths in range(61, 70):
         registry.notice_silence(tenths * S // 10)
     assert registry.take_notices() == ['sensor "front" has sent nothing for 0.8 s']
+
+
+@pytest.mark.parametrize("late_ns", [0, 1])
+def test_a_server_stood_still_if_it_did_not_look_for_longer_than_half_a_second(late_ns: int) -> None:
+    registry = SensorRegistry()
+    registry.set_connected(A, True, 0)
+    for k in range(3):
+        registry.arrived(frame(k), A, k * S // 30)
+    registry.notice_silence(S // 2)
+    registry.take_notices()
+    registry.notice_silence(S + late_ns)
+    assert STOOD_STILL_S == 0.5
+    assert bool(registry.take_notices()) == (late_ns == 0)
+
+
+def test_a_server_that_looks_for_the_first_time_has_not_stood_still() -> None:
+    registry = SensorRegistry()
+    registry.set_connected(A, True, 0)
+    for k in range(3):
+        registry.arrived(frame(k), A, k * S // 30)
+    registry.take_notices()
+    registry.notice_silence(5 * S)
+    assert registry.take_notices() == ['sensor "front" has sent nothing for 0.8 s']
+
+
+def test_only_a_sensor_without_a_frame_and_without_a_token_is_forgotten_and_not_too_soon() -> None:
+    registry = SensorRegistry()
+    quiet, connected, proven = nodes(3)
+    for node in (quiet, connected, proven):
+        registry.admit(node, S, proven=node is proven)
+    registry.set_connected(connected, True, S)
+    registry.arrived(frame_of(proven), proven, S)
+    soon, late = (S + round(UNPROVEN_S * S) + ns for ns in (0, 1))
+    registry.notice_silence(soon)
+    assert [registry.holds(node) for node in (quiet, connected, proven)] == [True, True, True]
+    registry.notice_silence(late)
+    assert [registry.holds(node) for node in (quiet, connected, proven)] == [False, True, True]
 
 
 def test_a_poorly_synchronised_clock_is_marked_and_told_of_once() -> None:

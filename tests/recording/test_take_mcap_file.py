@@ -1,6 +1,8 @@
 """Other MCAP programs read what we write: here the library of the format's authors, every checksum and index."""
 
 import os
+import struct
+import zlib
 from io import BytesIO
 from pathlib import Path
 
@@ -98,6 +100,25 @@ def test_every_offset_of_the_index_is_that_of_what_it_names(tmp_path: Path) -> N
         while at < group.group_start + group.group_length:
             at += record_at(at, Opcode(group.group_opcode))[1]
         assert at == group.group_start + group.group_length
+
+
+def test_the_footer_points_at_the_summary_and_at_the_offsets_of_its_groups(tmp_path: Path) -> None:
+    """Who wants one group reads its offset. The footer's checksum is that of all from the summary to the checksum."""
+    data = small_take(tmp_path / "a.mcap", count=10).read_bytes()
+    magic = b"\x89MCAP0\r\n"
+    places: dict[int, list[int]] = {}
+    at = len(magic)
+    while at < len(data) - len(magic):
+        places.setdefault(data[at], []).append(at)
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    assert data[at:] == magic
+    ((end,), (footer,), offsets) = (places[code] for code in (Opcode.DATA_END, Opcode.FOOTER, Opcode.SUMMARY_OFFSET))
+    start, offsets_at, crc = struct.unpack("<QQI", data[footer + 9 : at])
+    assert start == end + 9 + 4
+    assert offsets_at == offsets[0]
+    assert footer - offsets_at == len(offsets) * (9 + 1 + 8 + 8)
+    assert crc == zlib.crc32(data[start : at - 4])
+    assert int.from_bytes(data[end + 9 : end + 13], "little") == zlib.crc32(data[:end])
 
 
 def test_the_schema_in_the_take_is_enough_to_read_a_frame(tmp_path: Path) -> None:

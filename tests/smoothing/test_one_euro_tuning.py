@@ -68,6 +68,34 @@ def test_the_lag_of_a_delayed_recording_is_its_delay(delay_s: float) -> None:
     assert lag((AT_S, SWING), START) == pytest.approx(delay_s, abs=0.001)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lag_between_two_tried_ones_is_where_the_parabola_through_their_errors_is_least(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Delays of a line, and of lines only, have errors of an exact parabola."""
+    at_s, speed = np.arange(128) / 64, np.array([[1.0, -0.5, 0.3]])
+    line = at_s[:, None, None] * speed
+    delay_s = float(np.random.default_rng(seed).uniform(0.01, LONGEST_LAG_S - 0.01))
+    monkeypatch.setattr(one_euro_tuning, "filtered", lambda _, points, __: points - delay_s * speed)
+    assert lag((at_s, line), START) == pytest.approx(delay_s, abs=1e-9)
+
+
+@pytest.mark.parametrize("origin_s", [-64.0, 1024.0])
+def test_it_does_not_matter_when_a_recording_was_made(monkeypatch: pytest.MonkeyPatch, origin_s: float) -> None:
+    """The first half a second is left out in any case: here the filter is wrong in it."""
+
+    def settling(at_s: np.ndarray, points: np.ndarray, _: OneEuroSettings) -> np.ndarray:
+        early = (at_s - at_s[0] < one_euro_tuning.SETTLING_S)[:, None, None]
+        return points - np.where(early, 1.0, 0.0625)
+
+    monkeypatch.setattr(one_euro_tuning, "filtered", settling)
+    at_s = np.arange(128) / 64
+    line = (at_s, at_s[:, None, None] * np.ones((1, 3)))
+    later = (at_s + origin_s, line[1])
+    assert lag(later, START) == pytest.approx(lag(line, START), abs=1e-9) == pytest.approx(0.0625, abs=1e-9)
+    assert jitter(later, START) == jitter(line, START) == spread(line[1][32:])
+
+
 @pytest.mark.parametrize("delay_s", [LONGEST_LAG_S, 0.45, 0.5], indirect=True)
 def test_a_longer_lag_than_the_longest_is_reported_as_that(delay_s: float) -> None:
     assert delay_s >= LONGEST_LAG_S == lag((AT_S, SWING), START)

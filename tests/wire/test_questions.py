@@ -25,6 +25,17 @@ def test_a_question_is_read_up_to_its_limit() -> None:
         read_question(data.ljust(MAX_QUESTION_BYTES + 1))
 
 
+def test_a_question_may_have_64_kib_and_an_answer_8_mib() -> None:
+    """As docs/wire.md promises to programs of others."""
+    question, answer = write_question(AskPicture()), write_answer(NodeAnswer(True))
+    read_question(question.ljust(65_536))
+    read_answer(answer.ljust(8_388_608))
+    with pytest.raises(WireError, match="has 65537 bytes"):
+        read_question(question.ljust(65_537))
+    with pytest.raises(WireError, match="has 8388609 bytes"):
+        read_answer(answer.ljust(8_388_609))
+
+
 def test_an_answer_is_read_up_to_its_limit_which_leaves_room_for_a_picture() -> None:
     answer = NodeAnswer(True, "x" * 6_000_000)
     data = write_answer(answer)

@@ -183,7 +183,7 @@ class ArmExtrinsics:
         if len(instants) >= s.instants[1] or len(self.seen[reference]) < 3:
             return False
         early, late, _ = list(self.seen[reference])[-3:]
-        if not 0.0 < late.at_s - early.at_s <= s.gap_s:
+        if late.at_s - early.at_s > s.gap_s:
             return False
         added = False
         for before, sight, after in zip(sights, islice(sights, 1, None), islice(sights, 2, None), strict=False):
