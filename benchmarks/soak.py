@@ -9,11 +9,13 @@ written to the folder of temporary files, one at a time. Each look at the proces
 
 from __future__ import annotations
 
+import multiprocessing
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -235,12 +237,19 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
 
 
 def check_take(reply: CommandReply, path: Path, sent: int) -> int:
-    """Return how many of the frames sent are not in the take, are there twice, or are reported lost."""
+    """Return how many of the frames sent are not in the take, are there twice, or are reported lost.
+
+    Another process reads the take, because its index of all frames would count as memory of the server.
+    """
     recording: RecordingHealth = reply.status.recording if reply.status is not None else RecordingHealth()
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as other:
+        frames, clean = other.submit(_read, path).result()
+    return abs(frames - sent) + abs(recording.frames - sent) + recording.lost + (not (reply.ok and clean))
+
+
+def _read(path: Path) -> tuple[int, bool]:
     take = read_take(path)
-    return (
-        abs(take.frame_count - sent) + abs(recording.frames - sent) + recording.lost + (not (reply.ok and take.clean))
-    )
+    return take.frame_count, take.clean
 
 
 def rows_of(looks: list[tuple[int, ...]], wrong: int, bus: Bus, read: int, *, size: int, seconds: float) -> list[Row]:
