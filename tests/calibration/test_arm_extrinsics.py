@@ -98,6 +98,16 @@ def test_frames_at_the_same_times_are_paired_once_each() -> None:
     assert paired({"a": same, "b": same}, FAST) == paired({"b": same, "a": same}, FAST) == same[1:-2]
 
 
+@pytest.mark.parametrize(
+    ("hz", "calibrated_hz"), [(30, 30), (20, 30), (15, 30), (10, 30), (30, 60), (30, 15), (60, 30)]
+)
+def test_cameras_of_any_rates_share_all_frames_of_the_camera_without_a_pose(hz: int, calibrated_hz: int) -> None:
+    own = every(1 / hz, 2 * hz, 0.004)
+    found = paired({"a": every(1 / calibrated_hz, 2 * calibrated_hz), "b": own}, FAST)
+    assert len(found) >= len(own) - 5
+    assert found == own[own.index(found[0]) :][: len(found)]
+
+
 def test_a_frame_is_paired_from_the_first_of_the_calibrated_camera_on() -> None:
     own, theirs = every(1 / 32, 24), every(1 / 32, 8, 8 / 32)
     assert paired({"a": theirs, "b": own}, FAST) == theirs[:-2]

@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Final
 
 import msgspec
@@ -177,20 +177,20 @@ class ArmExtrinsics:
     def _pair(self, camera: str, reference: str, places: Mapping[str, Float64]) -> bool:
         """Pair the camera's frames between two of the reference's; return whether that gave a new estimate.
 
-        The reference's newest frame is left out, because the camera's next frame is needed as well.
+        A frame is paired once the next one is there, so a slow camera's are between earlier frames of the reference.
+        Its newest frame is left out, so that the order of simultaneous frames changes nothing.
         """
         s, instants, sights = self.settings, self.instants[camera], self.seen[camera]
-        if len(instants) >= s.instants[1] or len(self.seen[reference]) < 3:
-            return False
-        early, late, _ = list(self.seen[reference])[-3:]
-        if late.at_s - early.at_s > s.gap_s:
+        earlier = list(self.seen[reference])[:-1]
+        if len(instants) >= s.instants[1]:
             return False
         added = False
         for before, sight, after in zip(sights, islice(sights, 1, None), islice(sights, 2, None), strict=False):
             due = not instants or sight.at_s - instants[-1].at_s >= 0.999 / s.most_hz
-            if not due or not early.at_s <= sight.at_s < late.at_s:
+            around = next((two for two in pairwise(earlier) if _is_between(sight, *two)), None)
+            if not due or around is None or around[1].at_s - around[0].at_s > s.gap_s:
                 continue
-            instant = _instant((before, sight, after), early, late, places[reference])
+            instant = _instant((before, sight, after), *around, places[reference])
             if instant is not None:
                 instants.append(instant)
                 added = True
@@ -228,6 +228,10 @@ def _instant(
     if np.count_nonzero(weights) < 3:
         return None
     return Instant(sight.at_s, world, own.joints, velocity, weights)
+
+
+def _is_between(sight: ArmSights, early: ArmSights, late: ArmSights) -> bool:
+    return early.at_s <= sight.at_s < late.at_s
 
 
 def _same(sights: ArmSights, arm: SeenArm) -> SeenArm | None:
