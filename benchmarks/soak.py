@@ -219,8 +219,8 @@ def _load(server: Server, bus: Bus, folder: Path, frames: int) -> tuple[list[tup
             if number % every == 0:
                 look = (sum(bus.sent.values()), process.memory_info().rss, process.num_fds(), threading.active_count())
                 looks.append(look)
-                after_s = time.perf_counter() - began_s
-                print(f"{look[0]:,} frames in {after_s:.0f} s, {look[1] >> 20} MiB, {look[2]} files", file=sys.stderr)
+                said = f"{look[0]:,} frames in {time.perf_counter() - began_s:.0f} s"
+                print(f"{said}, {look[1] >> 20} MiB, {look[2]} descriptors", file=sys.stderr)
         bus.wait()
 
     for number in range(SHORT_TAKES + 1):

@@ -71,23 +71,18 @@ class PeopleState(msgspec.Struct, frozen=True, eq=False):
         return tuple(f"{name}: {sensor.condition}" for name, sensor in self.sensors.items() if sensor.condition)
 
     @property
-    def tied(self) -> dict[str, list[str]]:
+    def trusted_by_root(self) -> dict[str, list[str]]:
         """Names of the trusted sensors, by the sensor in whose frame their poses are estimated."""
-        tied: dict[str, list[str]] = {}
+        names: dict[str, list[str]] = {}
         for name, sensor in self.sensors.items():
             if sensor.trusted:
-                tied.setdefault(sensor.root, []).append(name)
-        return tied
+                names.setdefault(sensor.root, []).append(name)
+        return names
 
     def poses_from(self, root: str) -> dict[str, Float64]:
         """Return ``T_root_sensor`` (4, 4) of the sensor ``root``, and of all that are tied to it if it is trusted."""
         of_root = self.sensors[root]
         if not of_root.trusted:
             return {root: np.eye(4)}
-        to_root = inverse(of_root.T_world_sensor)
-        tied = {
-            name: to_root @ one.T_world_sensor
-            for name, one in self.sensors.items()
-            if one.root == of_root.root and one.trusted
-        }
-        return tied | {root: np.eye(4)}
+        to_root, tied = inverse(of_root.T_world_sensor), self.trusted_by_root[of_root.root]
+        return {name: to_root @ self.sensors[name].T_world_sensor for name in tied} | {root: np.eye(4)}

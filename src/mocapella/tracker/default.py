@@ -363,7 +363,7 @@ class DefaultTracker:
 
     def _choose_root(self, state: PeopleState) -> str:
         """Return the root sensor, whose space defines the world: that of the old component, unless one is larger."""
-        sensors, tied = state.sensors, state.tied
+        sensors, tied = state.sensors, state.trusted_by_root
         most = max(tied.values(), key=len, default=[])
         if self._root not in sensors:
             return most[0] if most else next(iter(sensors))
@@ -428,8 +428,8 @@ class DefaultTracker:
         for sensor in shown if anew else {heard.sensor}.intersection(shown):
             T, frame = self._T_world_root @ self._T_root_sensor[sensor], heard.newest[sensor].frame
             newest[sensor] = people.views_of(results, sensor, frame.time_ns, self._poses.get(sensor, frame), T)
-        before = {} if anew or self._views is None else self._views
-        self._views = followed(before, newest, sorted(shown), people, results.fresh)
+        before = None if anew else self._views
+        self._views = followed(before or {}, newest, sorted(shown), people, results.fresh)
         return list(self._views.values())
 
     def _scene(self, arrival: Arrival) -> Scene:
@@ -451,18 +451,8 @@ def _frame_pose(tilt: float, height: float) -> SensorPose:
 
 
 _OWN_MEMORY: Final = (
-    *(
-        "_now_s",
-        "_approached_s",
-        "_outvoted_s",
-        "_steps",
-        "_rejected",
-        "_state",
-        "_shown",
-        "_views",
-        "_places",
-        "_conditions",
-    ),
+    *("_now_s", "_approached_s", "_outvoted_s", "_steps", "_rejected", "_state", "_conditions"),
+    *("_shown", "_views", "_places"),
     *("_shown_arms", "_shown_bodies"),
     *("_root", "_T_root_sensor", "_T_world_root"),
 )

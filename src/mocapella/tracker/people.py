@@ -119,9 +119,8 @@ class PeopleSettings:
 class People:
     """Fuses and smooths the views of all tracked people, whom `mocapella.association.tracks.Tracks` identifies.
 
-    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `column`, `update`,
-    then `results`. The *space
-    of the people*, the frame of reference of all state, is chosen by the caller.
+    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `column`, `update`, then `results`.
+    The *space of the people*, the frame of reference of all state, is chosen by the caller.
 
     Args:
         settings: how views are fused and smoothed.

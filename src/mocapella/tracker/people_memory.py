@@ -29,7 +29,6 @@ MOST_GUESS_SD_M: Final = 0.3
 UNSURE_SD: Final = 1.2
 """Standard deviation of a facing above which it does not decide which of the sensors is right: about that of two
 opposite ones, of which one is three times as likely [rad]."""
-
 UNSURE_S: Final = 5.0
 """Time for which sensors must disagree without a decision until the person says so [s]."""
 

@@ -22,24 +22,21 @@ from mocapella.tracker.people_memory import (
     MOST_GUESS_SD_M,
     UNSURE_S,
     UNSURE_SD,
+    Bools,
     FacingResults,
+    Float64,
     FrameViews,
     JointLayout,
     PeopleParameters,
     PointArrays,
+    Rows,
     SkeletonArrays,
+    UInt8,
     ViewArrays,
 )
 from mocapella.tracker.people_view_kernels import turn_views
 
-Float64 = NDArray[np.float64]
-UInt8 = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Int64 = NDArray[np.int64]
-
-_NOT_TRACKED, _INFERRED, _TRACKED = (
-    int(JointState.NOT_TRACKED), int(JointState.INFERRED), int(JointState.TRACKED),
-)  # fmt: skip
+_NOT_TRACKED, _INFERRED, _TRACKED = map(int, (JointState.NOT_TRACKED, JointState.INFERRED, JointState.TRACKED))
 
 
 @njit(cache=True)
@@ -106,9 +103,7 @@ def step(
 
 
 @njit(cache=True)
-def note_unsure(
-    rows: Int64, sd: Float64, now_s: float, view_age_s: float, views: ViewArrays, unsure_s: Float64
-) -> None:
+def note_unsure(rows: Rows, sd: Float64, now_s: float, view_age_s: float, views: ViewArrays, unsure_s: Float64) -> None:
     """Note since when the sensors have disagreed about left and right while the facing does not decide it.
 
     Args:

@@ -49,8 +49,8 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     ids: Sequence[int] = bodies.ids
     positions, states, own = prepared.positions, bodies.states, bodies.positions
     bias = np.zeros_like(positions) if corrections is None else corrections @ T[:3, :3].T
-    if min(rows.tolist(), default=0) < 0:
-        shown = rows >= 0
+    shown = rows >= 0
+    if not shown.all():
         ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
         rows, positions, states, own, bias = rows[shown], positions[shown], states[shown], own[shown], bias[shown]
     clipped = np.zeros(len(rows), dtype=np.bool_)
