@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -46,11 +46,13 @@ class Found(NamedTuple):
         cost: the fit's cost plus a penalty for occlusion, 0 or more; it ranks detections.
         side: side of the hand model that was fitted.
         fitted: the fit's pose, sizes and costs.
+        others: costs and landmarks (23, 3) [m] of other fits to the same region.
     """
 
     cost: float
     side: Handedness
     fitted: Fitted
+    others: tuple[tuple[float, Float64], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,7 @@ class ArmFinder:
     settings: ArmRegionSettings
     believe: float
     gain: float
+    debug: list = field(default_factory=list)
 
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
@@ -166,6 +169,20 @@ class ArmFinder:
             return SUREST
         return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
 
+    def spread_m(self, one: Found, found: list[Found]) -> Float64:
+        """Return how far the landmarks (23,) are in other fits that are nearly as good: root mean square [m]."""
+        near = [other for other in found if other is one or self.near(other, one)]
+        points = self.models[one.side].points(one.fitted.pose)
+        rivals = [(other.cost, self.models[other.side].points(other.fitted.pose)) for other in near if other is not one]
+        rivals += [rival for other in near for rival in other.others]
+        self.debug[:] = [(c, o) for c, o in rivals]
+        total, squares = 1.0, np.zeros(len(points))
+        for cost, other in rivals:
+            weight = math.exp(-max(cost - one.cost, 0.0) / (_ALIKE * one.cost))
+            total += weight
+            squares += weight * ((other - points) ** 2).sum(axis=1)
+        return np.asarray(np.sqrt(squares / total))
+
     def overlap(self, one: Found, other: Found) -> bool:
         """Return whether two fits share a forearm or hand, so that only one of them can be an arm.
 
@@ -246,7 +263,8 @@ class ArmFinder:
                 yield _work(evidence, 4)
         for most, count, iterations, loose in _ROUNDS:
             better = []
-            for (_, side, before), tips in _of_each_side(pool, most):
+            for one, tips in _of_each_side(pool, most):
+                side, before = one.side, one.fitted
                 model = self.models[side]
                 closer = self.region(depth, model.spheres(before.pose)) if count > 250 else part
                 if closer is None:
@@ -260,10 +278,11 @@ class ArmFinder:
                 yield _work(evidence, iterations) + (_REGION if count > 250 else 0)
             pool = better
         best = []
+        others = [(one.cost, self.models[one.side].points(one.fitted.pose)) for (one, _) in pool]
         for one, _ in _of_each_side(pool, 1):
             if one.cost < _HOPELESS:
                 best.append((yield from self._repaired(depth, one)))
-        return [one for one in best if one.cost <= self.believe]
+        return [one._replace(others=tuple(others)) for one in best if one.cost <= self.believe]
 
     def _repaired(self, depth: Float32, found: Found) -> Steps[Found]:
         """Improve a fit by other postures of single digits, or by exchanging fingers; refit it and add occlusion."""
@@ -303,8 +322,17 @@ class ArmFinder:
         ]
         yield _work(evidence, 26) + _REGION
         best = min(ends, key=lambda end: end.cost)
+        part = self.region(depth, model.spheres(best.pose))
+        if part is None or _stray(model, best.pose, part) > _STRAY:
+            return Found(math.inf, found.side, best)
         hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
+
+
+def _stray(model: ArmModel, pose: ArmPose, part: Region) -> float:
+    """Return how much of the surface near a hand and its forearm is far from both, 0 to 1."""
+    evidence = evidence_of(part, model, pose, beyond=0.3)
+    return float(model.fit(pose, model.unexpected(pose), evidence, iterations=0).costs[5])
 
 
 def _work(evidence: ArmEvidence, iterations: int) -> int:
@@ -442,6 +470,10 @@ _FEW_OF_HAND: Final = 10
 """Least number of a hand's points."""
 _FLAT_M: Final = 0.002
 """Least thickness of a hand [m], less than that of any hand in the rendered scenes with seeds below 100."""
+_ALIKE: Final = 0.15
+"""Relative excess of a cost at which another fit counts e times less."""
+_STRAY: Final = 0.04
+"""Most stray points near a hand: a head or a thing has more of itself around what was taken for a hand."""
 _HIDDEN: Final = 0.3
 """Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
 

@@ -167,7 +167,7 @@ class KinematicArmDetector:
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
         for arm in self._arms:
-            arm.believed |= arm.fitted.cost < self.settings.firm
+            arm.believed |= arm.fitted.cost < self.settings.report
         return [arm for arm in self._arms if arm.believed]
 
     def _reason(self, depth: Float32) -> str:
@@ -338,6 +338,7 @@ class KinematicArmDetector:
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
+            arm.spread_m = self.finder.spread_m(one, found)
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)

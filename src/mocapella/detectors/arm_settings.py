@@ -60,6 +60,7 @@ class KinematicArmSettings:
     better: float = 0.93
     look_again_after: int = 12
     firm: float = 0.19
+    report: float = 0.30
     refuse_for: int = 8
     lost_after: int = 3
     look_every: int = 20

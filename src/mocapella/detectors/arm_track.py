@@ -48,6 +48,7 @@ class CameraArmTrack:
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
         self.wait, self.sure, self.believed = wait, SUREST, False
         self.region: Region | None = None
+        self.spread_m = np.zeros(23)
 
     def move(self, fitted: Fitted, dt: float) -> None:
         """Set the fit of the next image, ``dt`` [s] after the last one, above 0; update the smoothed velocity."""

@@ -301,7 +301,7 @@ class ArmModel:
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
         parameters = self._parameters(pose, evidence, total)
-        costs = np.empty(5)
+        costs = np.empty(7)
         e = expected
         prior = ArmPrior(self.natural, self.prior, e.pose, e.certainty, e.v, e.information)
         k.fit(
@@ -311,6 +311,7 @@ class ArmModel:
         costs[0] /= total
         costs[1] /= max(costs[3], 1e-4)
         costs[4] /= max(costs[3], 1e-4)
+        costs[5] /= max(costs[6], 1.0)
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
         costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]

@@ -82,6 +82,8 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 _REST_M, _REST_RAD = 0.0002, 0.004  # smaller steps count as convergence
+NEAR_ARM = 0.5  # least weight of points near the hand or forearm
+STRAY = 6.0  # factor of the points' robust scale at which stray points are judged
 _TARGET_SD = 0.004  # standard deviation of a fingertip detected as a branch's end [m]
 
 
@@ -151,6 +153,9 @@ def _add_points(
         which[i] = piece
         weight, cost = robust(hit[4], parameters.point_scale_m)
         costs[0] += weights[i] * cost
+        if weights[i] >= NEAR_ARM:
+            costs[5] += robust(hit[4], STRAY * parameters.point_scale_m)[1]
+            costs[6] += 1.0
         if only_costs or weight < 0.01:
             continue
         p, c = pieces[piece], hit[3]
