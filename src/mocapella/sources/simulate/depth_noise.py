@@ -13,6 +13,12 @@ angle; if a pixel sees two surfaces, their light adds up as phasors, which gives
 the light's odd harmonics make depth wiggle four times a period: S. Foix, G. Alenyà, C. Torras, "Lock-in time-of-flight
 (ToF) cameras: a survey" (IEEE Sensors J. 11, 2011), sections II and III; M. Lindner, A. Kolb, "Lateral and depth
 calibration of PMD-distance sensors" (ISVC 2006).
+
+**Stereo** (`Stereo`): two cameras match blocks of pixels, so neighbours within a block have nearly the same error, of a
+standard deviation in disparity: L. Keselman et al., "Intel RealSense stereoscopic depth cameras" (CVPR workshops 2017),
+sections 3 and 5. A block that holds an edge is matched by its nearer side, which makes things wider by up to half a
+block ("foreground fattening"): D. Scharstein, R. Szeliski, "A taxonomy and evaluation of dense two-frame stereo
+correspondence algorithms" (IJCV 47, 2002), section 3.2. What the second camera does not see has no depth.
 """
 
 from __future__ import annotations
@@ -24,6 +30,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.special import ndtr, ndtri
 
 from mocapella.settings import check
 
@@ -130,8 +138,49 @@ class TimeOfFlight:
         check(0 <= self.wiggle_hz <= 1e9, "wiggle_hz", self.wiggle_hz, "0 to 1e9 Hz")
 
 
+@dataclass(frozen=True)
+class Stereo:
+    """Two cameras that match blocks of a textured image; the defaults model a RealSense D435 of 640 × 480 pixels.
+
+    Attributes:
+        least_m, most_m: range of measured depths [m].
+        baseline_m: position of the second camera along the first one's x axis [m].
+        block_px: width of a matched block [px].
+        sd_px: standard deviation of the disparity [px].
+        fatten: share of half a block by which things become wider, from 0 to 1.
+        unmatched: share of the surface, in pieces of a block's size, that is not matched.
+        edge_unmatched: the same where a block holds an edge.
+        step_px: step to which the disparity is rounded [px].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
+
+    least_m: float = 0.28
+    most_m: float = 4.0
+    baseline_m: float = 0.05
+    block_px: int = 9
+    sd_px: float = 0.1
+    fatten: float = 0.8
+    unmatched: float = 0.01
+    edge_unmatched: float = 0.1
+    step_px: float = 1 / 32
+
+    def __post_init__(self) -> None:
+        check(0 < self.least_m < self.most_m <= 20, "least_m", (self.least_m, self.most_m), "above 0 and below most_m")
+        check(0.001 <= abs(self.baseline_m) <= 1, "baseline_m", self.baseline_m, "1 mm to 1 m to either side")
+        check(1 <= self.block_px <= 31, "block_px", self.block_px, "1 to 31")
+        check(0 <= self.sd_px < 10, "sd_px", self.sd_px, "0 or more, below 10")
+        check(0 < self.step_px < 1, "step_px", self.step_px, "above 0, below 1")
+        for name in ("fatten", "unmatched", "edge_unmatched"):
+            check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
+
+
+DepthNoise = StructuredLight | TimeOfFlight | Stereo
+
+
 def measured(
-    exact_m: Float32, slope: Float32, noise: StructuredLight | TimeOfFlight | None, *, focal_px: float, unit_m: float,
+    exact_m: Float32, slope: Float32, noise: DepthNoise | None, *, focal_px: float, unit_m: float,
     key: int,
 ) -> UInt16:  # fmt: skip
     """Apply a camera's noise to exact depths; return the image (height, width) uint16 in units, a new array.
@@ -160,10 +209,38 @@ def measured(
             *map(float, (noise.edge_px, noise.edge, noise.edge_holes, *np.radians(noise.steep_deg), noise.dropout)),
         )  # fmt: skip
         _kernels().structured_light(exact_m, slope, lit, seed, values, unit_m, out)
+    elif isinstance(noise, Stereo):
+        depth = _matched(exact_m, noise, focal_px, key)
+        out[:] = np.minimum(np.rint(depth / unit_m), np.iinfo(np.uint16).max)
     else:
         values = _kernels().TimeOfFlightNoise(*map(float, astuple(noise)))
         _kernels().time_of_flight(exact_m, slope, seed, values, unit_m, out)
     return out
+
+
+def _matched(exact_m: Float32, noise: Stereo, focal_px: float, key: int) -> Float32:
+    """Return the depths (height, width) that a stereo camera matches [m]; 0 without a match."""
+    rng = np.random.default_rng(key)
+    half, shape = noise.block_px // 2, exact_m.shape
+    lit = np.empty(shape, np.bool_)
+    _kernels().light_reaches(exact_m, focal_px * noise.baseline_m, lit)
+    block = max(noise.block_px / 2.355, 0.3)
+
+    def blobs() -> Float32:
+        rough = ndimage.gaussian_filter(rng.standard_normal(shape, np.float32), block)
+        return np.asarray(rough / max(float(rough.std()), 1e-12), dtype=np.float32)
+
+    wide = exact_m
+    for reach in range(1, half + 1):  # the edge is ragged: not every block is won by the nearer side
+        wins = blobs() < ndtri(noise.fatten) if reach * noise.fatten > 0 else np.zeros(shape, np.bool_)
+        wide = np.where(wins, ndimage.minimum_filter(wide, 3), wide)
+    edge = wide != exact_m
+    lost = np.where(edge, noise.edge_unmatched, noise.unmatched)
+    there = np.isfinite(wide) & (lit | edge) & (ndtr(blobs()) >= lost)
+    disparity = focal_px * abs(noise.baseline_m) / np.where(there, wide, 1.0)
+    disparity = np.rint((disparity + noise.sd_px * blobs()) / noise.step_px) * noise.step_px
+    depth = focal_px * abs(noise.baseline_m) / np.maximum(disparity, 1e-6)
+    return np.where(there & (depth >= noise.least_m) & (depth <= noise.most_m), depth, 0.0).astype(np.float32)
 
 
 @cache

@@ -52,7 +52,7 @@ from mocapella.sources.simulate.arm_mesh import (
 )
 from mocapella.sources.simulate.arm_motion import ArmMotion, Key, Posture, held_at
 from mocapella.sources.simulate.depth_drawing import BODY, FIRST_ARM, body_mesh, draw_background
-from mocapella.sources.simulate.depth_noise import StructuredLight, TimeOfFlight, measured
+from mocapella.sources.simulate.depth_noise import DepthNoise, Stereo, StructuredLight, TimeOfFlight, measured
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -77,7 +77,7 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lens: fx, fy, cx, cy [px].
         unit_m: length of a unit of the image [m].
         distance_m: least and greatest distance of the hands in scenes [m].
-        structured_light, time_of_flight: noise model of the camera, at most one; a perfect camera has neither.
+        structured_light, time_of_flight, stereo: noise model of the camera, at most one; a perfect camera has none.
     """
 
     size_px: tuple[int, int]
@@ -86,6 +86,12 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     distance_m: tuple[float, float]
     structured_light: StructuredLight | None = None
     time_of_flight: TimeOfFlight | None = None
+    stereo: Stereo | None = None
+
+    @property
+    def noise(self) -> DepthNoise | None:
+        """The noise model of the camera; None for a perfect one."""
+        return self.structured_light or self.time_of_flight or self.stereo
 
 
 class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -298,7 +304,7 @@ class DepthScene:
             for n, (actor, pose, gesture, _) in enumerate(drawn)
         )  # fmt: skip
         depth = measured(
-            images.depth, images.slope, self.sensor.structured_light or self.sensor.time_of_flight,
+            images.depth, images.slope, self.sensor.noise,
             focal_px=self.sensor.lens[0], unit_m=self.sensor.unit_m, key=self._key + round(1e9 * at_s),
         )  # fmt: skip
         return DepthShot(at_s, depth, self.sensor.unit_m, self.lens, arms, images.depth, images.parts)

@@ -92,7 +92,7 @@ class RoomDepthScene:
                 labels = np.zeros(len(triangles), np.uint8)
                 first = np.uint8(FIRST_PERSON + number)
                 _kernels().draw(seen, triangles, labels, first, vertices, depth, parts, slope)
-        noise = self.sensor.structured_light or self.sensor.time_of_flight
+        noise = self.sensor.noise
         units = measured(
             depth, slope, noise, focal_px=self.sensor.lens[0], unit_m=self.sensor.unit_m,
             key=self._key + round(1e9 * at_s),
