@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -34,6 +34,7 @@ from mocapella.steps import Steps
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 
 FEW_POINTS: Final = 40
 """Least number of points of an arm."""
@@ -46,13 +47,11 @@ class Found(NamedTuple):
         cost: the fit's cost plus a penalty for occlusion, 0 or more; it ranks detections.
         side: side of the hand model that was fitted.
         fitted: the fit's pose, sizes and costs.
-        others: costs and landmarks (23, 3) [m] of other fits to the same region.
     """
 
     cost: float
     side: Handedness
     fitted: Fitted
-    others: tuple[tuple[float, Float64], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,6 @@ class ArmFinder:
     settings: ArmRegionSettings
     believe: float
     gain: float
-    debug: list = field(default_factory=list)
 
     def candidates(
         self, depth: Float32, most: int = 6, near: Float64 | None = None, but: Float64 | None = None
@@ -106,7 +104,13 @@ class ArmFinder:
         return part if len(part.points) >= FEW_POINTS else None
 
     def all_of(
-        self, depth: Float32, candidates: Iterable[PalmCandidate], most: int, good: float, enough: int
+        self,
+        depth: Float32,
+        candidates: Iterable[PalmCandidate],
+        most: int,
+        good: float,
+        enough: int,
+        whole: Float32,
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
         """Fit arms at palm candidates, in steps; return the results of `best`, and the candidates that were tried.
 
@@ -118,6 +122,7 @@ class ArmFinder:
             most: greatest number of candidates that are tried.
             good: cost below which a fit is good, provided that its side is clear, `sure` above 0.75.
             enough: number of candidates with a good fit after which the search ends.
+            whole: see `best`.
         """
         found: list[Found] = []
         tried: list[PalmCandidate] = []
@@ -131,7 +136,7 @@ class ArmFinder:
             if any(within(centre, balls) for balls in arms):
                 continue
             tried.append(candidate)
-            ones = yield from self.best(depth, candidate)
+            ones = yield from self.best(depth, candidate, whole)
             found += ones
             # Where the other side fits about as well, another candidate on the same hand may decide it.
             sure = [one for one in ones if one.cost < good and self.sure(one, ones) > _CLEAR]
@@ -169,19 +174,20 @@ class ArmFinder:
             return SUREST
         return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
 
-    def spread_m(self, one: Found, found: list[Found]) -> Float64:
-        """Return how far the landmarks (23,) are in other fits that are nearly as good: root mean square [m]."""
-        near = [other for other in found if other is one or self.near(other, one)]
+    def unclear(self, one: Found, found: list[Found]) -> Bool:
+        """Return (23,) which landmarks another fit of the same hand, which is nearly as good, has elsewhere.
+
+        Args:
+            one: the hand's fit.
+            found: fits of both sides.
+        """
         points = self.models[one.side].points(one.fitted.pose)
-        rivals = [(other.cost, self.models[other.side].points(other.fitted.pose)) for other in near if other is not one]
-        rivals += [rival for other in near for rival in other.others]
-        self.debug[:] = [(c, o) for c, o in rivals]
-        total, squares = 1.0, np.zeros(len(points))
-        for cost, other in rivals:
-            weight = math.exp(-max(cost - one.cost, 0.0) / (_ALIKE * one.cost))
-            total += weight
-            squares += weight * ((other - points) ** 2).sum(axis=1)
-        return np.asarray(np.sqrt(squares / total))
+        elsewhere = np.zeros(len(points), np.bool_)
+        for other in found:
+            if other is not one and other.cost < _RIVAL * one.cost and self.near(other, one):
+                apart = np.linalg.norm(self.models[other.side].points(other.fitted.pose) - points, axis=1)
+                elsewhere |= apart > _ELSEWHERE_M
+        return elsewhere
 
     def overlap(self, one: Found, other: Found) -> bool:
         """Return whether two fits share a forearm or hand, so that only one of them can be an arm.
@@ -237,7 +243,7 @@ class ArmFinder:
                 starts.append(pose._replace(v=v))
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
-    def best(self, depth: Float32, candidate: PalmCandidate) -> Steps[list[Found]]:
+    def best(self, depth: Float32, candidate: PalmCandidate, whole: Float32) -> Steps[list[Found]]:
         """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, right before left.
 
         Fits with a cost above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
@@ -246,6 +252,7 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             candidate: the palm.
+            whole: as ``depth``, before things were made narrower; what is near a hand there must belong to it.
         """
         part = self.region(depth, candidate.spheres)
         if part is None:
@@ -278,13 +285,12 @@ class ArmFinder:
                 yield _work(evidence, iterations) + (_REGION if count > 250 else 0)
             pool = better
         best = []
-        others = [(one.cost, self.models[one.side].points(one.fitted.pose)) for (one, _) in pool]
         for one, _ in _of_each_side(pool, 1):
             if one.cost < _HOPELESS:
-                best.append((yield from self._repaired(depth, one)))
-        return [one._replace(others=tuple(others)) for one in best if one.cost <= self.believe]
+                best.append((yield from self._repaired(depth, one, whole)))
+        return [one for one in best if one.cost <= self.believe]
 
-    def _repaired(self, depth: Float32, found: Found) -> Steps[Found]:
+    def _repaired(self, depth: Float32, found: Found, whole: Float32) -> Steps[Found]:
         """Improve a fit by other postures of single digits, or by exchanging fingers; refit it and add occlusion."""
         model, fitted = self.models[found.side], found.fitted
         left, exchanged = set(range(5)), False
@@ -322,7 +328,7 @@ class ArmFinder:
         ]
         yield _work(evidence, 26) + _REGION
         best = min(ends, key=lambda end: end.cost)
-        part = self.region(depth, model.spheres(best.pose))
+        part = self.region(whole, model.spheres(best.pose))
         if part is None or _stray(model, best.pose, part) > _STRAY:
             return Found(math.inf, found.side, best)
         hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
@@ -470,8 +476,9 @@ _FEW_OF_HAND: Final = 10
 """Least number of a hand's points."""
 _FLAT_M: Final = 0.002
 """Least thickness of a hand [m], less than that of any hand in the rendered scenes with seeds below 100."""
-_ALIKE: Final = 0.15
-"""Relative excess of a cost at which another fit counts e times less."""
+_RIVAL: Final = 1.3
+"""Ratio of costs below which another fit is nearly as good."""
+_ELSEWHERE_M: Final = 0.025
 _STRAY: Final = 0.04
 """Most stray points near a hand: a head or a thing has more of itself around what was taken for a hand."""
 _HIDDEN: Final = 0.3

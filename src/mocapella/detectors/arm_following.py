@@ -27,6 +27,7 @@ from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import Region, within
 from mocapella.sensing.depth_foreground import DepthForeground
+from mocapella.sensing.fattening import without_fattening
 from mocapella.steps import Steps, at_once
 
 Float32 = NDArray[np.float32]
@@ -73,6 +74,11 @@ class _Search:
         if len(self.images) > _MOST_IMAGES:
             del self.images[-2::-2]
 
+    def narrow(self, px: int) -> None:
+        """Undo the fattening of the kept images."""
+        self.depth, self.newest = without_fattening(self.depth, px), without_fattening(self.newest, px)
+        self.images = [(without_fattening(depth, px), at_s) for depth, at_s in self.images]
+
     def go_on(self, work: float) -> bool:
         """Do so much work [µs]; return whether any is left."""
         done = 0
@@ -117,6 +123,8 @@ class KinematicArmDetector:
         self._search: _Search | None = None
         self._unfinished = False
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
+        self._fattening_tries = 0
+        self._fattening_px, self._fattening_known = max(self.settings.fattening_px, 0), self.settings.fattening_px >= 0
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Detect the arms in the next image, and track known ones; see `mocapella.detectors.ArmDetector`.
@@ -137,7 +145,7 @@ class KinematicArmDetector:
                 f"the depth image is {depth.shape[1]} × {depth.shape[0]}; "
                 f"camera {self.camera.name} has {width} × {height} px"
             )
-        depth = np.ascontiguousarray(depth, dtype=np.float32)
+        depth = without_fattening(np.ascontiguousarray(depth, dtype=np.float32), self._fattening_px)
         if self._search is not None:
             self._search.add(depth, at_s)
         for arm in list(self._arms):
@@ -262,7 +270,7 @@ class KinematicArmDetector:
         """Detect the hand again near its palm, without its prediction; in this image, because its pose may be wrong."""
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
-            found += at_once(self.finder.best(depth, candidate))
+            found += at_once(self.finder.best(depth, candidate, depth))
         for one in sorted(found, key=lambda one: one.cost)[:1]:
             part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
             if part is not None and self._change(arm, one.side, one.fitted, part):
@@ -324,7 +332,14 @@ class KinematicArmDetector:
         hands = {arm: self._hand(arm) for arm in self._arms}
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
         candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
-        found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted)
+        found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted, depth)
+        if tried and not self._fattening_known:
+            narrower = without_fattening(depth, _FATTENING_PX)
+            others = yield from self.finder.candidates(narrower, _CANDIDATES, near, np.vstack(known) if known else None)
+            instead = yield from self.finder.all_of(narrower, others, most, self.settings.doubt, wanted, depth)
+            if self._learn_fattening(found, instead[0]):
+                (found, tried), depth = instead, narrower
+                search.narrow(_FATTENING_PX)
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
@@ -338,7 +353,7 @@ class KinematicArmDetector:
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
-            arm.spread_m = self.finder.spread_m(one, found)
+            arm.unclear = self.finder.unclear(one, found)
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)
@@ -347,6 +362,18 @@ class KinematicArmDetector:
         for candidate in tried:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
+
+    def _learn_fattening(self, found: list[Found], narrower: list[Found]) -> bool:
+        """Return whether arms fit better to an image in which things are narrower; then all are from now on."""
+        before, after = (min((one.cost for one in some), default=_NO_FIT) for some in (found, narrower))
+        if min(before, after) < _NO_FIT:
+            self._fattening_tries += 1
+            decided = not _ALIKE * before < after < before / _ALIKE
+            self._fattening_known = decided or self._fattening_tries == _MOST_TRIES
+        better = after < _ALIKE * before
+        if better:
+            self._fattening_px = _FATTENING_PX
+        return better
 
     def _admit(self, arm: CameraArmTrack, depth: Float32) -> None:
         """Track a further arm from now on, unless a tracked one explains its points better."""
@@ -394,8 +421,9 @@ class KinematicArmDetector:
         shown = np.zeros(len(points))
         if arm.region is not None:
             shown = model.visible(pose, arm.region.front, arm.region.lens)
-        states = np.where(shown > _VISIBLE, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
-        sd = _sd_m(shown, arm.fitted.cost).astype(np.float32)
+        clear = ~arm.unclear | (arm.firm >= _FIRM_AFTER)
+        states = np.where((shown > _VISIBLE) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
+        sd = _sd_m(np.where(clear, shown, 0.0), arm.fitted.cost).astype(np.float32)
         return SeenArm(
             arm.id, arm.side == "left", arm.sure, points, states, sd, model.angles(pose), pose.T_camera_palm
         )  # fmt: skip
@@ -412,6 +440,13 @@ def _sd_m(shown: Float64, cost: float) -> Float64:
     return np.where(shown > _VISIBLE, sd, np.maximum(_HIDDEN_SD_M, sd))
 
 
+_FATTENING_PX: Final = 3
+"""How much wider things are in images of cameras that match blocks [px]."""
+_ALIKE: Final = 0.85
+"""Ratio of costs above which fits to images with and without fattening say nothing about it."""
+_MOST_TRIES: Final = 5
+"""Arms that are looked for in both images; then the camera is taken for one without fattening."""
+_NO_FIT: Final = 1.0
 _WORK: Final = ((3000, 5000), (0, 3000))
 """Time to search in an image [µs]: (in usual images, in reserved ones), with one arm or none, and with several."""
 _MOST_IMAGES: Final = 40

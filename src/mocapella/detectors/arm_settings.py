@@ -36,6 +36,9 @@ class KinematicArmSettings:
             nothing better is found; larger: less work, later corrections [images].
         firm: cost below which a new arm is reported; after several images below it, no replacement is searched; larger:
             arms are reported sooner, also false ones [cost].
+        report: cost below which a new arm is reported [cost].
+        fattening_px: by how much the camera makes near things wider, on each side, as stereo cameras do; -1: found out
+            from the first arms [px].
         refuse_for: number of images for which a place without an arm is not searched again; eight times as many while
             an arm is tracked, and doubled each time; larger: less work, later arms [images].
         lost_after: number of successive doubtful images (see ``keep``) after which an arm is lost; larger: arms are
@@ -61,6 +64,7 @@ class KinematicArmSettings:
     look_again_after: int = 12
     firm: float = 0.19
     report: float = 0.30
+    fattening_px: int = -1
     refuse_for: int = 8
     lost_after: int = 3
     look_every: int = 20
@@ -77,6 +81,8 @@ class KinematicArmSettings:
         check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
         check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
         check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
+        check(0 < self.report < 2, "report", self.report, "above 0, below 2")
+        check(-1 <= self.fattening_px <= 15, "fattening_px", self.fattening_px, "-1 to 15")
         check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
         check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
         check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")

@@ -38,6 +38,7 @@ class CameraArmTrack:
         wait: value of ``in_doubt`` at which the hand is searched anew.
         sure: certainty of its side, 0.5 to `SUREST`.
         believed: whether its cost was once below the setting ``firm``; only such arms are reported.
+        unclear: (23,) landmarks that another fit, which was nearly as good, had elsewhere when the arm was found.
         region: the part of the image that ``fitted`` is a fit to; None at first.
     """
 
@@ -48,7 +49,7 @@ class CameraArmTrack:
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
         self.wait, self.sure, self.believed = wait, SUREST, False
         self.region: Region | None = None
-        self.spread_m = np.zeros(23)
+        self.unclear = np.zeros(23, np.bool_)
 
     def move(self, fitted: Fitted, dt: float) -> None:
         """Set the fit of the next image, ``dt`` [s] after the last one, above 0; update the smoothed velocity."""
