@@ -188,10 +188,10 @@ def test_an_arm_that_never_fitted_well_is_not_told() -> None:
 
 def test_where_no_arm_was_is_looked_at_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, shots = clip("rotation", "exact", 1)
-    detector = KinematicArmDetector(camera, KinematicArmSettings(refuse_for=2))
+    detector = KinematicArmDetector(camera, KinematicArmSettings(refuse_for=2, fattening_px=0))
     looked = list[tuple[int, PalmCandidate]]()
     monkeypatch.setattr(
-        ArmFinder, "best", lambda _, __, candidate: looked.append((detector._frames, candidate)) or done([])
+        ArmFinder, "best", lambda _, __, candidate, *___: looked.append((detector._frames, candidate)) or done([])
     )
     for frame in range(40):
         detector.update(metres(shots[0]), frame / 30)

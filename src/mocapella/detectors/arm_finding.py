@@ -110,7 +110,8 @@ class ArmFinder:
         most: int,
         good: float,
         enough: int,
-        whole: Float32,
+        *,
+        whole: Float32 | None = None,
     ) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
         """Fit arms at palm candidates, in steps; return the results of `best`, and the candidates that were tried.
 
@@ -243,7 +244,7 @@ class ArmFinder:
                 starts.append(pose._replace(v=v))
         return min(model.fit(start, model.unexpected(start), evidence, iterations=_AROUND).cost for start in starts)
 
-    def best(self, depth: Float32, candidate: PalmCandidate, whole: Float32) -> Steps[list[Found]]:
+    def best(self, depth: Float32, candidate: PalmCandidate, whole: Float32 | None = None) -> Steps[list[Found]]:
         """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, right before left.
 
         Fits with a cost above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
@@ -252,7 +253,8 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             candidate: the palm.
-            whole: as ``depth``, before things were made narrower; what is near a hand there must belong to it.
+            whole: as ``depth``, before things were made narrower, if they were; what is near a hand there must belong
+                to it.
         """
         part = self.region(depth, candidate.spheres)
         if part is None:
@@ -287,7 +289,7 @@ class ArmFinder:
         best = []
         for one, _ in _of_each_side(pool, 1):
             if one.cost < _HOPELESS:
-                best.append((yield from self._repaired(depth, one, whole)))
+                best.append((yield from self._repaired(depth, one, depth if whole is None else whole)))
         return [one for one in best if one.cost <= self.believe]
 
     def _repaired(self, depth: Float32, found: Found, whole: Float32) -> Steps[Found]:
@@ -328,9 +330,10 @@ class ArmFinder:
         ]
         yield _work(evidence, 26) + _REGION
         best = min(ends, key=lambda end: end.cost)
-        part = self.region(whole, model.spheres(best.pose))
-        if part is None or _stray(model, best.pose, part) > _STRAY:
-            return Found(math.inf, found.side, best)
+        if best.cost > _SURELY or whole is not depth:
+            around = self.region(whole, model.spheres(best.pose))
+            if around is None or _stray(model, best.pose, around) > _STRAY:
+                return Found(math.inf, found.side, best)
         hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
         return Found(best.cost + _HIDDEN * hidden, found.side, best)
 
@@ -479,6 +482,8 @@ _FLAT_M: Final = 0.002
 _RIVAL: Final = 1.3
 """Ratio of costs below which another fit is nearly as good."""
 _ELSEWHERE_M: Final = 0.025
+_SURELY: Final = 0.15
+"""Cost of a fit below which what is around it does not matter."""
 _STRAY: Final = 0.04
 """Most stray points near a hand: a head or a thing has more of itself around what was taken for a hand."""
 _HIDDEN: Final = 0.3

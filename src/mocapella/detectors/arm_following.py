@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_of
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.detectors.arm_track import CameraArmTrack
+from mocapella.detectors.fattening_guess import FATTENING_PX, FatteningGuess
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
 from mocapella.model.arms import PALM, SeenArm, SeenArms
@@ -54,6 +55,7 @@ class _Search:
 
     Attributes:
         depth, at_s: the image that is searched.
+        whole: the same image before things were made narrower; ``depth`` itself for cameras without fattening.
         images: (depth, time) of the images since; arms that are found are tracked through them.
         newest: the newest of them.
         steps: the remaining work.
@@ -61,9 +63,10 @@ class _Search:
 
     steps: Steps[None]
 
-    def __init__(self, depth: Float32, at_s: float) -> None:
+    def __init__(self, depth: Float32, at_s: float, whole: Float32 | None = None) -> None:
         # The caller may reuse its images' memory.
         self.depth, self.at_s = depth.copy(), at_s
+        self.whole = self.depth if whole is None or whole is depth else whole.copy()
         self.newest = self.depth
         self.images: list[tuple[Float32, float]] = []
 
@@ -123,8 +126,7 @@ class KinematicArmDetector:
         self._search: _Search | None = None
         self._unfinished = False
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
-        self._fattening_tries = 0
-        self._fattening_px, self._fattening_known = max(self.settings.fattening_px, 0), self.settings.fattening_px >= 0
+        self._fattening = FatteningGuess(self.settings.fattening_px)
 
     def update(self, depth: Float32, at_s: float) -> SeenArms:
         """Detect the arms in the next image, and track known ones; see `mocapella.detectors.ArmDetector`.
@@ -145,14 +147,15 @@ class KinematicArmDetector:
                 f"the depth image is {depth.shape[1]} × {depth.shape[0]}; "
                 f"camera {self.camera.name} has {width} × {height} px"
             )
-        depth = without_fattening(np.ascontiguousarray(depth, dtype=np.float32), self._fattening_px)
+        whole = np.ascontiguousarray(depth, dtype=np.float32)
+        depth = self._fattening.corrected(whole)
         if self._search is not None:
             self._search.add(depth, at_s)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
                 self._refused, self._unfinished = [], True  # its place may be another arm's
-        self._begin_search(depth, at_s)
+        self._begin_search(depth, at_s, whole)
         if self._search is not None and self._unsure:
             self._search.go_on(np.inf)  # no tracked arm is delayed
             self._search = None
@@ -174,8 +177,9 @@ class KinematicArmDetector:
 
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
+        most = self.settings.report if self._fattening.px else self.settings.firm
         for arm in self._arms:
-            arm.believed |= arm.fitted.cost < self.settings.report
+            arm.believed |= arm.fitted.cost < most
         return [arm for arm in self._arms if arm.believed]
 
     def _reason(self, depth: Float32) -> str:
@@ -316,13 +320,13 @@ class KinematicArmDetector:
         near = self._foreground.places(depth, (arm.model.spheres(arm.fitted.pose) for arm in self._arms))
         return min(len(near), 1), near
 
-    def _begin_search(self, depth: Float32, at_s: float) -> None:
+    def _begin_search(self, depth: Float32, at_s: float, whole: Float32) -> None:
         wanted = self.settings.arms - sum(arm.firm >= _FIRM_AFTER for arm in self._arms)
         if self._search is not None or not wanted:
             return
         most, near = self._places_to_search(depth)
         if most:
-            self._search = _Search(depth, at_s)
+            self._search = _Search(depth, at_s, whole)
             self._search.steps = self._further(self._search, most, near, wanted)
 
     def _further(self, search: _Search, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
@@ -332,14 +336,19 @@ class KinematicArmDetector:
         hands = {arm: self._hand(arm) for arm in self._arms}
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
         candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
-        found, tried = yield from self.finder.all_of(depth, candidates, most, self.settings.doubt, wanted, depth)
-        if tried and not self._fattening_known:
-            narrower = without_fattening(depth, _FATTENING_PX)
+        found, tried = yield from self.finder.all_of(
+            depth, candidates, most, self.settings.doubt, wanted, whole=search.whole
+        )
+        self._fattening.known |= any(one.cost < self.settings.firm for one in found)
+        if tried and not self._fattening.known and not self._arms:
+            narrower = without_fattening(depth, FATTENING_PX)
             others = yield from self.finder.candidates(narrower, _CANDIDATES, near, np.vstack(known) if known else None)
-            instead = yield from self.finder.all_of(narrower, others, most, self.settings.doubt, wanted, depth)
-            if self._learn_fattening(found, instead[0]):
+            instead = yield from self.finder.all_of(
+                narrower, others, most, self.settings.doubt, wanted, whole=search.whole
+            )
+            if self._fattening.learn([one.cost for one in found], [one.cost for one in instead[0]]):
                 (found, tried), depth = instead, narrower
-                search.narrow(_FATTENING_PX)
+                search.narrow(FATTENING_PX)
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
@@ -353,7 +362,8 @@ class KinematicArmDetector:
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
-            arm.unclear = self.finder.unclear(one, found)
+            if self._fattening.px:
+                arm.unclear = self.finder.unclear(one, found)
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)
@@ -362,18 +372,6 @@ class KinematicArmDetector:
         for candidate in tried:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
-
-    def _learn_fattening(self, found: list[Found], narrower: list[Found]) -> bool:
-        """Return whether arms fit better to an image in which things are narrower; then all are from now on."""
-        before, after = (min((one.cost for one in some), default=_NO_FIT) for some in (found, narrower))
-        if min(before, after) < _NO_FIT:
-            self._fattening_tries += 1
-            decided = not _ALIKE * before < after < before / _ALIKE
-            self._fattening_known = decided or self._fattening_tries == _MOST_TRIES
-        better = after < _ALIKE * before
-        if better:
-            self._fattening_px = _FATTENING_PX
-        return better
 
     def _admit(self, arm: CameraArmTrack, depth: Float32) -> None:
         """Track a further arm from now on, unless a tracked one explains its points better."""
@@ -440,13 +438,6 @@ def _sd_m(shown: Float64, cost: float) -> Float64:
     return np.where(shown > _VISIBLE, sd, np.maximum(_HIDDEN_SD_M, sd))
 
 
-_FATTENING_PX: Final = 3
-"""How much wider things are in images of cameras that match blocks [px]."""
-_ALIKE: Final = 0.85
-"""Ratio of costs above which fits to images with and without fattening say nothing about it."""
-_MOST_TRIES: Final = 5
-"""Arms that are looked for in both images; then the camera is taken for one without fattening."""
-_NO_FIT: Final = 1.0
 _WORK: Final = ((3000, 5000), (0, 3000))
 """Time to search in an image [µs]: (in usual images, in reserved ones), with one arm or none, and with several."""
 _MOST_IMAGES: Final = 40

@@ -36,7 +36,8 @@ class KinematicArmSettings:
             nothing better is found; larger: less work, later corrections [images].
         firm: cost below which a new arm is reported; after several images below it, no replacement is searched; larger:
             arms are reported sooner, also false ones [cost].
-        report: cost below which a new arm is reported [cost].
+        report: cost below which a new arm is reported where the camera makes things wider; larger: arms are reported
+            sooner, also false ones [cost].
         fattening_px: by how much the camera makes near things wider, on each side, as stereo cameras do; -1: found out
             from the first arms [px].
         refuse_for: number of images for which a place without an arm is not searched again; eight times as many while
