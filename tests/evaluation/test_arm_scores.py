@@ -178,6 +178,11 @@ def test_a_palm_ten_centimetres_away_is_another_arms() -> None:
         ((-0.2, 0, 0.7), True),
         ((-0.21, 0, 0.7), False),
         ((0, 0.16, 0.7), False),
+        ((0, 0.14, 0.7), True),
+        ((0, -0.15, 0.7), False),
+        ((0, -0.14, 0.7), True),
+        ((0.21, 0, 0.7), False),
+        ((0.2, 0, 0.7), True),
     ],
 )
 def test_an_arm_outside_the_image_is_not_asked_for(palm: tuple[float, float, float], inside: bool) -> None:
@@ -206,3 +211,28 @@ def test_jitter_is_the_motion_about_the_mean_once_it_has_settled() -> None:
     assert still["thumb tip"] == pytest.approx(0.001, rel=1e-2)
     assert still["wrist"] == pytest.approx(0.0, abs=1e-12)
     assert all(math.isnan(value) for value in jitter(Oracle(made), made[:10]).values())
+
+
+@pytest.mark.parametrize(("settle", "known"), [(0, True), (1, True), (2, False)])
+def test_jitter_is_known_from_two_frames_on_after_those_in_which_it_settles(settle: int, known: bool) -> None:
+    made = shots(3)
+    found = jitter(Oracle(made), made, settle=settle)
+    assert all(math.isfinite(value) == known for value in found.values())
+
+
+@pytest.mark.parametrize("unit_m", [0.001, 0.0005])
+def test_a_detector_is_given_depths_in_metres(unit_m: float) -> None:
+    given: list[np.ndarray] = []
+
+    class Keeps(Oracle):
+        def update(self, depth: np.ndarray, at_s: float) -> SeenArms:
+            given.append(depth)
+            return super().update(depth, at_s)
+
+    made = [
+        msgspec.structs.replace(shot, depth=np.full_like(shot.depth, round(0.7 / unit_m)), unit_m=unit_m)
+        for shot in shots(2)
+    ]
+    score(Keeps(made), made)
+    jitter(Keeps(made), made)
+    np.testing.assert_allclose(given, 0.7, rtol=1e-6)
