@@ -212,6 +212,21 @@ def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.M
     assert found["90"]["stationary_jitter_mm"] == pytest.approx(1000 * white_m * np.sqrt(6 * 3), rel=0.15)
 
 
+def test_simulated_views_without_errors_but_white_noise_are_as_near_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sensors 90° apart that both see the front: what still frames shake by is no motion of those who turn."""
+    turns = PersonSettings((0.8, 2.8), "route", route=("stand 0.4", "turn 260"))
+    scene = dataclasses.replace(scene_settings("walk"), people=(turns,))
+    monkeypatch.setattr(sensor_errors, "scene_settings", lambda name: scene)
+    monkeypatch.setattr(sensor_errors, "STILL_S", 0.3)
+    neither, white_m = [0.0] * 8 + [1.0] + [0.0] * 3, 0.0002
+    found = as_simulated(labels_swapped_from_behind(neither, white_m), seeds=(0,))["90"]
+    # The mean length of a normal vector in space is √(8/π) times a coordinate's; of a difference, √2 times that.
+    assert found["walk_dd_cm"] == pytest.approx(100 * white_m * np.sqrt(2 * 8 / np.pi), abs=0.011)
+    assert found["mirrored_better_percent"] == 0
+    assert found["bone_length_variation_percent"] < 1
+    assert found["stationary_jitter_mm"] == pytest.approx(1000 * white_m * np.sqrt(6 * 3), rel=0.1)
+
+
 def test_what_is_stated_of_a_session_is_what_its_views_were_made_with() -> None:
     """Somebody who stands while both views shake by 1 mm, then walks, 10 % larger and smaller by turns, 3 cm apart."""
     stands, walks = 40, 60
