@@ -164,6 +164,8 @@ def test_views_with_swapped_labels_are_nearer_mirrored() -> None:
     assert mirrored_better(body, body) == 0
     half = np.where(np.arange(4)[:, None, None] < 2, body, body[:, MIRROR])
     assert mirrored_better(body, half) == 0.5
+    assert mirrored_better(body * [0, 1, 1], body * [0, 1, 1]) == 0  # without width, swapping changes nothing
+    assert mirrored_better(body + np.array([0, 0, 5]), body) == 0
 
 
 @pytest.mark.slow
