@@ -7,9 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.evaluation_sessions import body
+from support.evaluation_sessions import session_of as session_of_study
+from support.reference_methods import Method
 
-from mocapella.evaluation.scored_views import LONGEST_GAP, _at_one_instant, _changes
+from mocapella.evaluation.kinectmultitrack import AsRun
+from mocapella.evaluation.scored_views import LONGEST_GAP, SeenViews, _at_one_instant, _changes, asked_about
 from mocapella.evaluation.study_pairs import Pairs
+from mocapella.geometry.angles import wrap
+from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 
 EVERY_S = 1 / 32
 VELOCITIES = np.array([[0.4, 0.0, -0.3], [-1.0, 0.2, 0.5]])
@@ -80,3 +86,42 @@ def test_changes_of_labels_are_counted_over_both_sensors_for_each_person_alone()
     person = np.array([0, 1, 0, 1, 0, 1])
     assert _changes(swapped, person) == 3  # of the first one at the first sensor once, at the second twice
     assert _changes(swapped[:0], person[:0]) == 0
+
+
+@pytest.mark.parametrize("turned", [-2.0, 0.0, 1.0])
+@pytest.mark.parametrize("direction", [-1.0, 0.0, 0.7])
+def test_a_facing_is_that_against_the_sensor_wherever_the_person_is(direction: float, turned: float) -> None:
+    """Of the mean of both views, seen by each sensor."""
+    place = 2.0 * np.array([np.sin(direction), 0.0, np.cos(direction)])
+    T = np.stack([np.eye(4), rigid(rotation_about_y(0.9), [1.0, 0.5, 0.0])])
+    true = body(direction + np.pi + turned) + place
+    joints = np.stack([apply(inverse(T[k]), true) for k in (0, 1)])[None]
+    seen = SeenViews(joints, T[None], np.zeros((1, 2), dtype=bool))
+    session: Any = SimpleNamespace(at_s=np.zeros(2))
+    asked = asked_about(session, Pairs(np.array([[0, 1]]), np.zeros(1, np.int64), np.full(1, 3)), seen)
+    assert wrap(asked.facing[0, 0] - turned) == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(asked.position[0], joints[0, :, 0], atol=1e-9)
+    sights = [T[k][:3, 3] - place for k in (0, 1)]
+    towards = np.arctan2(*np.transpose([sight[[0, 2]] for sight in sights]))
+    assert wrap(np.diff(asked.facing[0]) + np.diff(towards)) == pytest.approx(0, abs=1e-9)
+
+
+class Raised(Method):
+    """Declares that the side sensor sees all joints a decimetre too low, and swaps its labels for a while."""
+
+    @staticmethod
+    def joint_bias(sensor: str, facing: float, position: Any, velocity: Any) -> Any:
+        return np.full((25, 3), [0.0, 0.1 * (sensor == "side"), 0.0])
+
+    def conclude(self, arrival: Any) -> None:
+        self.swapped = frozenset({("side", 0)} if 30 < self.step < 50 else ())
+
+
+def test_a_bias_is_added_and_swaps_are_counted_per_minute() -> None:
+    session = session_of_study(frames=60, noise=0.0)
+    biased, plain = (AsRun(session, make).views("walk", session.pairs) for make in (Raised, Method))
+    added = biased.raw_labels - plain.raw_labels
+    np.testing.assert_allclose(added, np.broadcast_to([[[0.0, 0.0, 0.0]], [[0.0, 0.1, 0.0]]], added.shape), atol=1e-9)
+    minutes = np.ptp(session.at_s) / 60
+    assert biased.swaps_per_min == pytest.approx(2 / minutes)
+    assert plain.swaps_per_min == 0
