@@ -16,13 +16,14 @@ from mocapella.evaluation import silhouette_experiments as experiments
 from mocapella.evaluation import silhouette_one_camera as one_camera
 from mocapella.evaluation.silhouette_experiments import MOVES_DEG, PlottedScene, RunRow
 from mocapella.evaluation.silhouette_one_camera import AWAY_M, _row, errors_m, freedoms, median_freedoms
-from mocapella.evaluation.silhouette_runs import Film, with_penalty
+from mocapella.evaluation.silhouette_runs import Film, filmed, with_penalty
 from mocapella.evaluation.silhouettes import FEET, Movement, outcome, score
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate.corruption import Corruption
+from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 
 MESH = body_mesh("female", detail=0.8)
 FRAMES, FPS = 12, 24.0
@@ -202,6 +203,39 @@ def test_error_and_jitter_are_drawn_over_the_weights_for_each_scene_and_corrupti
     experiments.plot_weights([row for row in rows if row.weight != 1.0], Path("plot.svg"))
     (usual,) = [line.get_xdata()[0] for line in saved[1].axes[0].lines[4:]]
     assert usual == 0
+
+
+class Drawn:
+    """A scene whose pictures are numbers; it begins at 5 s."""
+
+    corruption, mesh, rig = None, MESH, rig()
+    times_s = 5.0 + np.arange(FRAMES) / FPS
+
+    def __len__(self) -> int:
+        return FRAMES
+
+    def images(self, frame: int) -> list[int]:
+        return [10 * frame, 10 * frame + 1]
+
+    def poses(self) -> TreePose:
+        return movement(FALL).poses
+
+
+@pytest.mark.parametrize(("seconds", "frames"), [(None, FRAMES), (3 / FPS, 3), (5.2 / FPS, 5), (99.0, FRAMES)])
+def test_a_film_is_of_the_whole_scene_or_of_its_first_seconds(seconds: float | None, frames: int) -> None:
+    scene: Any = Drawn()
+    made = filmed(scene, seconds)
+    assert made.truth.fps == pytest.approx(FPS)
+    assert (len(made.truth), len(made.images)) == (frames, frames)
+    assert made.images[2] == {"camera1": 20, "camera2": 21}
+    with pytest.raises(SettingsError, match=r"3 frames or more, 0\.125 s"):
+        filmed(scene, 2.9 / FPS)
+
+
+def test_a_weight_is_times_the_penalty_that_is_set_or_else_the_usual_one() -> None:
+    own = Steadiness(1, 2, 3)
+    assert with_penalty(4.0, SilhouetteSettings(steadiness=own)).steadiness == own.times(4.0) != Steadiness().times(4.0)
+    assert with_penalty(4.0, SilhouetteSettings(steadiness=None)).steadiness == Steadiness().times(4.0)
 
 
 # One camera
