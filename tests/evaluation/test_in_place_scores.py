@@ -45,6 +45,7 @@ def test_the_person_faces_the_first_sensor_or_the_middle_of_both(angle_deg: floa
     first, second = ((sight - facing + 180) % 360 - 180 for sight in sights)
     assert abs(first - second) == pytest.approx(angle_deg, abs=1e-6)
     assert abs(first) == pytest.approx(0 if seed == 0 else angle_deg / 2, abs=6)
+    assert abs(second) == pytest.approx(angle_deg if seed == 0 else angle_deg / 2, abs=6)
     assert room.duration_s >= 25.0  # the exercise lasts longer than what is scored
 
 
@@ -104,6 +105,7 @@ def test_errors_are_those_at_the_times_asked_for_once_both_sensors_are_known() -
     assert found.calibrated_s == pytest.approx(0.8, abs=1 / 30)
     assert [error.at_s for error in found.errors] == pytest.approx([1.0, 1.2], abs=1 / 30)
     assert [error.position_m for error in found.errors] == pytest.approx([0.02, 0.02])
+    assert found.errors[0].at_s == 1.0  # of the frame that is of just that time
     assert all(error.at_s >= at_s for error, at_s in zip(found.errors, (1.0, 1.2), strict=True))
 
 

@@ -111,15 +111,15 @@ def test_a_person_with_a_condition_is_a_warning(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("heading_deg", [0.0, 60.0, 180.0])
 def test_the_person_turns_to_its_heading_against_the_first_sensor_before_the_posture(heading_deg: float) -> None:
-    """It stands where both sensors look, one to its front at a heading of 0 and the other aside."""
+    """It stands where both sensors look, and turns away from the second one."""
     room, begins_s = _room("bow", heading_deg, 3, (0.0, 90.0))
     first, second = room.settings.sensors
     true = room.positions_at(round(1e9 * (begins_s - 0.5)))[0]
     across = true[KINECT.index("ShoulderLeft")] - true[KINECT.index("ShoulderRight")]
     sights = [np.arctan2(*(sensor.T_world_sensor[:3, 3] - true[0])[[0, 2]]) for sensor in (first, second)]
-    turned = np.degrees(wrap(np.arctan2(-across[2], across[0]) - sights[0]))
-    assert abs(turned) == pytest.approx(heading_deg, abs=6)
-    assert abs(np.degrees(wrap(sights[1] - sights[0]))) == pytest.approx(90, abs=6)
+    turned = np.arctan2(-across[2], across[0]) - sights[0]
+    assert np.degrees(wrap(sights[1] - sights[0])) == pytest.approx(90, abs=6)
+    assert np.degrees(wrap(turned + np.radians(heading_deg))) == pytest.approx(0, abs=6)
     assert (first.latency_s, second.latency_s) == pytest.approx((0.06, 0.07))
     assert (first.phase_s, second.phase_s) == pytest.approx((0.0, 0.011))
     assert [sensor.T_world_sensor[1, 3] for sensor in (first, second)] == pytest.approx([1.0, 1.1])
