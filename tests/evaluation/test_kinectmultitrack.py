@@ -79,8 +79,12 @@ def test_rows_are_in_the_order_of_the_thesis() -> None:
 
 
 def test_one_sensor_is_the_front_one_or_else_the_reference() -> None:
-    unnamed = changed(kinect_id=np.where(log_of(frames=30).kinect_id == FRONT, "10.0.0.1", SIDE))
-    for session, own in ((SESSION, 0), (exchanged(), 1), (unnamed, 0)):
+    log = log_of(frames=30, noise=0.01)
+    named, swapped, unnamed = (
+        StudySession(msgspec.structs.replace(log, kinect_id=np.where(log.kinect_id == FRONT, one, other)))
+        for one, other in ((FRONT, SIDE), (SIDE, FRONT), ("10.0.0.1", SIDE))
+    )
+    for session, own in ((named, 0), (swapped, 1), (unnamed, 0)):
         at_s, skeletons = OneSensor(session).fused(session.pairs)
         rows = np.flatnonzero(session.sensor == own)
         np.testing.assert_array_equal(at_s, session.at_s[rows])

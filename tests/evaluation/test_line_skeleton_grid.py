@@ -89,7 +89,7 @@ def test_frames_are_evenly_over_the_periods_of_scenes_of_right_hands_alone(monke
         truth = np.zeros((23, 3))
         return SimpleNamespace(
             meshes=[SimpleNamespace(handedness=hand) for hand in hands],
-            period_s=1.0 + seed,
+            period_s=1.0 + seed if name == "right" else 99.0,
             sensor=SimpleNamespace(size_px=(64, 48)),
             lens=np.array([48.0, 48.0, 31.5, 23.5, 0, 0, 0, 0, 0]),
             at=lambda at_s: SimpleNamespace(
