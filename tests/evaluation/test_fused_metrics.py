@@ -85,6 +85,26 @@ def test_facing_away_from_a_sensor() -> None:
     assert metrics.facing_away(frames, there) == 0.5
 
 
+def test_limits_are_still_within() -> None:
+    """Exactly at a right angle, nobody faces away; just as wide, fast or far, nothing has collapsed or turned."""
+    there = np.array([2.0, 0.0, 0.0])
+    assert metrics.facing_away(body()[None], there) == 0
+    assert metrics.facing_against_motion(body() + T60[:, None, None] * [1.0, 0, 0], T60) == 0
+    narrow = np.stack([body()] * 4)
+    width = metrics.COLLAPSED * (0.2 - -0.2)
+    narrow[0, KINECT.index("ShoulderLeft"), 0], narrow[0, KINECT.index("ShoulderRight"), 0] = width, 0.0
+    assert metrics.shoulder_collapse(narrow) == 0
+    narrow[0, KINECT.index("ShoulderLeft"), 0] -= 1e-9
+    assert metrics.shoulder_collapse(narrow) == 0.25
+    turned, within = metrics.REVERSED_BY, metrics.REVERSED_WITHIN
+    for yaw, after_s, count in (
+        (turned, within, 0), (turned + 1e-9, within, 1), (turned + 1e-9, np.nextafter(within, 1), 0)
+    ):  # fmt: skip
+        assert metrics.reversals(np.array([0.0, yaw]), np.array([0.0, after_s])) == count
+    slides = np.stack([body(), body() + np.array([0.03, 0.0, 0.04])])
+    assert metrics.foot_slide(slides, np.array([0.0, metrics.SLIDE_OVER])) == pytest.approx(0.5)
+
+
 yaws = st.floats(-3, 3)
 places = st.tuples(st.floats(-3, 3), st.floats(-1, 1), st.floats(-3, 3))
 

@@ -98,6 +98,19 @@ def test_where_somebody_was_long_ago_is_not_where_he_is(sessions: list[StudySess
     assert set(people_as_logged(session, last + FRESH / 2)) == {0, 1}
 
 
+@pytest.mark.parametrize(("at_s", "there"), [(0.0, True), (FRESH, True), (FRESH + 1e-6, False), (-0.2, False)])
+def test_a_row_tells_where_somebody_is_for_three_tenths_of_a_second(at_s: float, there: bool) -> None:
+    """The newest row of each sensor, and of these the mean."""
+    positions = np.zeros((3, 25, 3))
+    positions[:, 0, 0] = [9.0, 1.0, 2.0]
+    session: Any = SimpleNamespace(
+        at_s=np.array([-0.1, 0.0, 0.0]), sensor=np.array([0, 0, 1]), replay=SimpleNamespace(sensors=("a", "b")),
+        log=SimpleNamespace(person_id=np.full(3, 4), positions=positions),
+    )  # fmt: skip
+    found = people_as_logged(session, at_s)
+    assert {person: place[0] for person, place in found.items()} == ({4: 1.5} if there else {})
+
+
 def test_distances_are_of_the_pairs_mean() -> None:
     apart = np.array([[0.01, 0.03], [0.02, np.nan], [np.nan, np.nan], [0.08, 0.08]])
     assert distance_figures(apart) == pytest.approx({"median_cm": 2, "mean_cm": 4, "p95_cm": 7.4})

@@ -22,7 +22,7 @@ from mocapella.cli import view as _view  # noqa: F401 - and another: an app of o
 from mocapella.cli.app import app
 from mocapella.errors import EvaluationError, SettingsError
 from mocapella.evaluation import line_skeleton_grid
-from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, GridRow, grid_table, plot_grid, rendered_frames
+from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, NEAR_M, GridRow, grid_table, plot_grid, rendered_frames
 from mocapella.sensing.line_skeleton import LineSkeletonSettings
 
 ROWS = (GridRow(1, 3, 3, 20.0, 25.0, 30.0, 9.0, 1.0), GridRow(10, 3, 3, 12.0, 14.0, 35.0, 20.0, 0.8))
@@ -52,6 +52,12 @@ def test_a_truth_that_is_not_known_is_not_missed() -> None:
     assert row.tips_found == 1.0
     (none,) = grid_table([(scene.depth, np.full_like(truth, np.nan), 0.0)], CAMERA, lambda: 0.0, grids_px=(4,))
     assert np.isnan([none.tips_found, none.tips_mm, none.arm_mm]).all()
+
+
+def test_a_tip_is_found_up_to_five_centimetres_off() -> None:
+    off = np.r_[np.zeros(3), NEAR_M, np.nextafter(NEAR_M, 1), np.inf, np.nan, np.nan]
+    row = line_skeleton_grid._row(1, [0.25], [off])
+    assert (row.tips_found, row.tips_mm, row.arms) == (pytest.approx(1 / 3), 1000 * NEAR_M, 1)
 
 
 def test_settings_reach_the_detector() -> None:

@@ -39,6 +39,11 @@ def test_what_is_compared() -> None:
     assert near.within_1_mm == pytest.approx(1 / 3)
 
 
+def test_a_millimetre_is_within_a_millimetre() -> None:
+    reference = np.zeros((2, 3))
+    assert agreement(np.array([[0, 0, 0.001], [0, 0, 0.00101]]), reference).within_1_mm == 0.5
+
+
 def test_a_hand_that_only_moves_does_not_vary() -> None:
     assert len(HAND_BONES) == 20
     assert HAND_BONES[4:6] == ((0, 5), (5, 6))

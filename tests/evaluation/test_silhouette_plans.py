@@ -27,6 +27,7 @@ from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 
 MESH = body_mesh("female", detail=0.8)
 FRAMES, FPS = 12, 24.0
+SIDES = ("left", "right")
 LENS = np.array([100.0, 100.0, 79.5, 59.5, 0, 0, 0, 0, 0])
 FALL = np.outer(0.5 * (np.arange(FRAMES) / FPS) ** 2, [0.0, -9.81, 0.0])
 """Places of who falls freely [m]."""
@@ -115,6 +116,10 @@ def test_lag_and_peak_are_told_of_knees_that_bend(
     monkeypatch.setattr(experiments, "follow", lambda *_, **__: done)
     monkeypatch.setattr(experiments, "overlaps", lambda *_: np.array([[0.5, 0.7]]))
     row, moved = experiments.followed(film(true), "own", "clean", None, 1.0)
+    monkeypatch.setattr(
+        experiments, "MOVES_DEG", np.ptp(np.mean([true.flexion_deg(f"{s} knee") for s in SIDES], axis=0))
+    )
+    assert experiments.followed(film(true), "own", "clean", None, 1.0)[0].kept is not None  # at the limit it is told
     assert moved is found
     assert (row.scene, row.seed, row.overlap, row.blind, row.lost) == ("still", 3, pytest.approx(0.6), 3, 1)
     assert (row.kept is not None, row.lag is not None) == (told, told)
@@ -259,6 +264,8 @@ def test_figures_of_one_camera_are_along_its_axis_and_across_it() -> None:
     assert (row.depth_mm, row.across_mm) == pytest.approx((200.0, 50.0))
     assert (row.depth_p95_mm, row.across_p95_mm) == pytest.approx((2000.0, 500.0))
     assert (row.away, row.free, row.outlines, row.outlines_of_many) == (0.0, 3.0, 2.0, 1.0)
+    at_the_limit = np.broadcast_to([0.0, 0.0, AWAY_M], off.shape)
+    assert _row(run_row(), at_the_limit, FPS, (0.0, 0.0, 0.0)).away == 0.0
     assert (row.depth_jitter, row.across_jitter) == pytest.approx((0.0, 0.0), abs=1e-9)
     lost = _row(run_row(), off, FPS, (3.0, 2.0, 1.0))
     assert lost.away == pytest.approx(2 / FRAMES)

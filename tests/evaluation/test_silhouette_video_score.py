@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mocapella.evaluation import silhouette_video as module
-from mocapella.evaluation.silhouette_video import GROWN_PX, SCORED, images_of, rig_of, score_video
+from mocapella.evaluation.silhouette_video import CONFIDENT, GROWN_PX, SCORED, images_of, rig_of, score_video
 from mocapella.model.openpose_names import LANDMARKS
 
 FRAMES = 4
@@ -93,8 +93,8 @@ def test_confident_keypoints_are_inside_or_not_where_the_body_is_seen(clip: Any)
     """Those of other joints do not count. The outlines' windows reach beyond what counts as inside."""
     clip.tracks.pixels[:2, 0, 1:] = 1.0  # outside
     clip.tracks.pixels[:, :, 0] = 1.0
-    clip.tracks.confidences[2:, 0, 1:7] = 0.29
-    clip.tracks.confidences[2:, 1, 1:7] = 0.31
+    clip.tracks.confidences[2:, 0, 1:7] = CONFIDENT
+    clip.tracks.confidences[2:, 1, 1:7] = CONFIDENT + 0.01
     joints = len(SCORED)
     sure = 2 * joints + 2 * (joints - 6) + 3 * joints
     assert score(clip).inside == pytest.approx(1 - 2 * joints / sure)

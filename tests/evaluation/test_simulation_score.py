@@ -50,7 +50,7 @@ def test_the_largest_errors_of_sensors_are_known_if_all_are(errors: Any, largest
     assert _greatest(errors) == largest
 
 
-@pytest.mark.parametrize(("far_m", "middle_x"), [(5.9, 7.95), (6.1, 5.0)])
+@pytest.mark.parametrize(("far_m", "middle_x"), [(5.9, 7.95), (6.0, 5.0), (6.1, 5.0)])
 def test_the_middle_of_the_room_is_that_of_the_people_within_reach_of_the_main_sensor(
     far_m: float, middle_x: float
 ) -> None:

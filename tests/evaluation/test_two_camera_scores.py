@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mocapella.evaluation.arms import MATCH_M
 from mocapella.evaluation.two_cameras import Told, _Errors, _place_error, beside, two_camera_scores
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.geometry.twists import exp_twist
@@ -49,6 +50,13 @@ def test_an_instant_without_an_arm_near_the_palm_counts_and_has_no_errors() -> N
     errors.add([unknown], TRUE, EVERY, NONE)
     assert (errors.table()["instants"], errors.table()["followed"], len(errors.tips)) == (4, 0.25, 5)
     assert (_Errors().table()["followed"], math.isnan(_Errors().table()["tip_median_mm"])) == (0.0, True)
+
+
+def test_a_palm_ten_centimetres_away_is_still_the_arms() -> None:
+    for off_m, followed in ((MATCH_M, 1), (np.nextafter(MATCH_M, 1), 0)):
+        errors = _Errors()
+        errors.add([(np.tile([off_m, 0.0, 0.0], (23, 1)), told()[1], 1)], np.zeros((23, 3)), EVERY, NONE)
+        assert errors.followed == followed
 
 
 def test_the_arm_of_the_nearest_palm_is_scored() -> None:
