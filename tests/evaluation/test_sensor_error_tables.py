@@ -19,6 +19,7 @@ from mocapella.evaluation.sensor_errors import (
     _alpha_share,
     _by_distance,
     _joint_lost,
+    _lengths,
     _losses,
     _statement,
     _weights,
@@ -64,13 +65,13 @@ def turning(side: Any, share: Any, sd_deg: float, each: int = 400) -> LabelledVi
 
 def test_reported_yaws_scatter_about_the_facing_as_they_were_made_on_either_side() -> None:
     share = np.full(12, 0.5)
-    table = _yaw_tables([turning(1, share, 4.0), turning(-1, share, 4.0)])
+    table = _yaw_tables([turning(1, share, 1.0), turning(-1, share, 1.0)])
     assert table["alpha_deg"] == [0.0, *MIDDLES_DEG, 180.0]
     assert table["yaw_deg"] == pytest.approx([0.0, *MIDDLES_DEG, MIDDLES_DEG[-1]], abs=1.0)
     mirrored = np.array([MIDDLES_DEG[0], *MIDDLES_DEG, 180.0]) - 180
     assert table["mirrored_yaw_deg"] == pytest.approx(mirrored, abs=1.0)
     for name in ("yaw_sd_deg", "mirrored_yaw_sd_deg"):
-        assert table[name] == pytest.approx(np.full(14, 4.0), rel=0.2)
+        assert table[name] == pytest.approx(np.full(14, 1.0), rel=0.25)
 
 
 def test_shares_of_mirrored_labels_are_sharpened_about_one_half_and_alike_both_ways() -> None:
@@ -163,10 +164,10 @@ def shaking(frames: int, by_m: float, away_m: float) -> np.ndarray:
 
 def test_jitter_by_distance_is_of_those_who_face_the_sensor_and_do_not_walk() -> None:
     """The distance is along the floor, from the sensor's own place; only the first sensor is faced."""
-    faced = {"alpha": [0.7, 0.9], "places": [(0.0, 2.0, 0.0), (9.0, 0.0, 0.0)], "frames": 700}
-    near = views(STEPS, positions=shaking(700, 0.002, 1.6), **faced)
-    far = views(STATIONARY, positions=shaking(700, 0.003, 2.4), **faced)
-    walks = views(WALK, positions=shaking(700, 0.004, 3.2), **faced)
+    faced = {"alpha": [0.7, 0.9], "places": [(1.0, 2.0, 0.0), (9.0, 0.0, 0.0)], "frames": 700}
+    near = views(STEPS, positions=shaking(700, 0.002, 2.6), **faced)
+    far = views(STATIONARY, positions=shaking(700, 0.003, 3.4), **faced)
+    walks = views(WALK, positions=shaking(700, 0.004, 4.2), **faced)
     assert _by_distance([near, far, walks]) == {"1.4-1.8": 4.0, "2.2-2.6": 6.0}
 
 
@@ -204,6 +205,23 @@ def test_jitter_by_joint_is_of_those_who_stand() -> None:
 def lengths(*sizes: tuple[int, float]) -> np.ndarray:
     """(frames, 2, 6) lengths of a person whose size changes: so many frames of each."""
     return np.concatenate([np.full((count, 2, 6), 0.25 * size) for count, size in sizes])
+
+
+def test_lengths_are_of_those_who_move() -> None:
+    task = np.where(np.arange(60) < 30, STATIONARY, np.where(np.arange(60) < 45, STEPS, WALK))
+    positions = np.where(task == STATIONARY, 1.0, 1.2)[:, None, None, None] * body()
+    found = _lengths(views(task, positions=positions, frames=60))
+    still = _lengths(views(STEPS, positions=np.tile(body(), (30, 1, 1, 1)), frames=30))
+    assert found.shape[:2] == (30, 2)
+    np.testing.assert_allclose(found, 1.2 * still)
+
+
+def test_another_session_of_a_person_is_compared_with_other_people_and_not_with_itself() -> None:
+    """Here the stranger's size is between those of the person's two sessions."""
+    sizes = [(0, lengths((40, 1.0))), (1, lengths((40, 1.25))), (0, lengths((40, 1.75)))]
+    told = told_apart(sizes, near=0.0)
+    assert (told["same_nearer_percent"], told["other_session_nearer_percent"]) == (100.0, 0.0)
+    assert (told["same_near_percent"], told["other_session_near_percent"]) == (100.0, 0.0)
 
 
 def test_every_third_whole_window_of_half_a_minutes_frames_is_compared() -> None:
