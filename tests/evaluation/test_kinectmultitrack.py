@@ -206,13 +206,13 @@ def test_figures_of_a_fused_skeleton_are_in_the_units_of_their_names(monkeypatch
 
     for name in told:
         monkeypatch.setattr(fused_metrics, name, figure(name))
-    minute = 121
-    every = {STATIONARY: 5, STEPS: 5, WALK: minute}
+    half_a_minute = 61
+    every = {STATIONARY: 5, STEPS: 5, WALK: half_a_minute}
     found = fused_figures(SESSION, Skeletons(every))
     found.pop("lag_ms")
     assert found == pytest.approx({
         "bone_length_variation_percent": 13, "foot_slide_cm_s": 2, "shoulder_collapse_percent": 30,
-        "facing_against_motion_percent": 40, "yaw_reversals_per_min": 4, "label_flips_per_min": 2,
+        "facing_against_motion_percent": 40, "yaw_reversals_per_min": 8, "label_flips_per_min": 4,
         "stationary_jitter_mm": 7, "steps_facing_wrong_percent": 10,
     })  # fmt: skip
     as_many = fused_figures(SESSION, Skeletons(every | {WALK: len(WALKS)}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -31,7 +32,7 @@ from mocapella.evaluation.sensor_error_fit import (
 from mocapella.evaluation.sensor_errors import _statement, as_simulated, measure, told_apart
 from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_log import write_study_log
-from mocapella.sources.simulate import scene_settings
+from mocapella.sources.simulate import SimulatedSensor, scene_settings
 from mocapella.sources.simulate.body import BODY, JOINT
 from mocapella.sources.simulate.measured import (
     BIAS_BINS,
@@ -216,7 +217,18 @@ def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.M
 
 
 def test_simulated_views_without_errors_but_white_noise_are_as_near_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two sensors 90° apart that both see the front: what still frames shake by is no motion of those who turn."""
+    """Two sensors 90° apart that both see the front: what still frames shake by is no motion of those who turn.
+
+    Frames in which one of them has nobody do not count.
+    """
+
+    class Blinks(SimulatedSensor):
+        def frames(self, begin_s: float, end_s: float) -> Any:
+            for k, item in enumerate(super().frames(begin_s, end_s)):
+                seen: Any = SimpleNamespace(frame=SimpleNamespace(bodies=0), truth=item.truth)
+                yield seen if k > 12 and k % 7 == 3 + (self.name == "second") else item
+
+    monkeypatch.setattr(sensor_errors, "SimulatedSensor", Blinks)
     turns = PersonSettings((0.8, 2.8), "route", route=("stand 0.4", "turn 260"))
     scene = dataclasses.replace(scene_settings("walk"), people=(turns,))
     monkeypatch.setattr(sensor_errors, "scene_settings", lambda name: scene)
