@@ -287,6 +287,17 @@ def test_an_end_is_twelve_centimetres_from_the_middle_of_a_surface_of_forty_squa
     assert bool(ends_of(rod(half, wide))) == some
 
 
+@pytest.mark.parametrize(("nearer", "joined"), [(0.035, True), (0.06, False)])
+def test_fingers_in_front_of_a_rod_are_its_end_if_the_jump_is_less_than_twice_the_usual(
+    nearer: float, joined: bool
+) -> None:
+    """It reaches 18 cm with its last 6, and else 12, from where a palm 10 cm before the end would be in its middle."""
+    grid = rod()
+    grid.seen[:, 60 + 31 :] *= 1 - nearer
+    columns = [x - 60 for _, x in ends_of(grid)]
+    assert (max(columns) > 24) == joined
+
+
 def candidate_at(centre: np.ndarray) -> PalmCandidate:
     return PALM._replace(centre=centre)
 
@@ -337,6 +348,36 @@ def test_only_discs_near_a_wanted_point_and_in_no_ball_are_looked_at(looked_at: 
     but = np.array([[*CENTRES[2], 0.05]])
     (left,) = at_once(palm_candidates(discs(*DISCS), WIDE, SETTINGS, near=near, but=but))
     np.testing.assert_allclose(left.centre, CENTRES[1], atol=0.012)
+
+
+def test_twice_as_many_discs_as_are_wanted_are_looked_at(looked_at: list[Any]) -> None:
+    many = [(60 + 60 * (k % 4), 100 + 100 * (k // 4)) for k in range(8)]
+    assert len(at_once(palm_candidates(discs(*many), WIDE, SETTINGS, most=3))) == 3
+    assert len(looked_at) == 6
+
+
+def test_places_within_two_centimetres_are_one(looked_at: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pixel of the coarse grid is 7.5 mm here."""
+    monkeypatch.setattr(arm_region, "_peaks", lambda *_: [(60, 80), (60, 82), (62, 80), (60, 83), (57, 80)])
+    at_once(palm_candidates(discs((240, 180)), WIDE, SETTINGS))
+    columns_and_rows = [tuple(np.round(centre[:2] * 400 / 3).tolist()) for centre, _, _ in looked_at]
+    assert columns_and_rows == [(0, 0), (3, 0), (0, -3)]
+
+
+def test_a_look_near_a_wanted_point_costs_less(looked_at: list[Any]) -> None:
+    everywhere = list(palm_candidates(discs(*DISCS), WIDE, SETTINGS))
+    near = list(palm_candidates(discs(*DISCS), WIDE, SETTINGS, near=CENTRES))
+    assert len(everywhere) == len(near)
+    assert all(there <= here for here, there in zip(everywhere, near, strict=True))
+    assert sum(there < here for here, there in zip(everywhere, near, strict=True)) == len(DISCS)
+
+
+def test_a_region_grows_from_the_hand_alone() -> None:
+    grid = Grid(np.full((80, 120), 0.6), GRID_LENS, 1)
+    spheres = np.array([[0.0, 0, 0.61, 0.01, 0.0], [0.3, 0, 0.9, 0.01, 1.0]])
+    assert not (arm_region.region(grid, spheres, SETTINGS).front > 0).any()
+    spheres[0, 4] = 1.0
+    assert (arm_region.region(grid, spheres, SETTINGS).front > 0).any()
 
 
 @pytest.mark.parametrize(("columns", "step"), [(160, 3), (480, 1), (500, 1), (4096, 1), (100, 5)])
