@@ -10,7 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from support.drawn_arms import CAMERA, arm
 
+from mocapella.model.arms import ELBOW, PALM
+from mocapella.model.hand import TIPS
 from mocapella.sensing import arm_region
 from mocapella.sensing.arm_region import ArmRegionSettings, Grid, PalmCandidate, grid_about, palm_candidates, within
 from mocapella.steps import at_once
@@ -84,7 +87,7 @@ def test_a_part_of_an_image_shows_its_points_where_the_whole_shows_them() -> Non
     np.testing.assert_allclose((part.lens[:2] * at[:2] / at[2] + part.lens[2:]) * step + [x0, y0], whole)
 
 
-@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.5, 1.9))
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0.5, 1.9))
 def test_the_pixel_of_a_point_shows_that_point(x: float, y: float, z: float) -> None:
     grid = Grid(np.full((80, 120), z), GRID_LENS, 1)
     row, column = arm_region._pixel(grid, np.array([x, y, z]))
@@ -224,12 +227,12 @@ def test_the_forearm_is_the_longest_and_widest_branch_and_surely_one_beyond_the_
     assert chosen(*shorter) == [-1, 0, 0], "a foreshortened one leads to its end"
 
 
-PALM = PalmCandidate(np.array([0.1, 0.2, 0.7]), 0.038, np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros((0, 5)))
+USUAL = PalmCandidate(np.array([0.1, 0.2, 0.7]), 0.038, np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros((0, 5)))
 
 
 def test_a_candidate_is_likelier_with_more_fingers_a_forearm_a_palms_size_and_nearer() -> None:
     def gain(wide_m: float = 0.08, hidden: float = 0.0, **changed: Any) -> float:
-        return arm_region._score(PALM._replace(**changed), wide_m, hidden) - arm_region._score(PALM, 0.08, 0.0)
+        return arm_region._score(USUAL._replace(**changed), wide_m, hidden) - arm_region._score(USUAL, 0.08, 0.0)
 
     assert gain(tips=np.zeros((5, 3))) == pytest.approx(0.25)
     assert gain(forearm=None) == pytest.approx(-1)
@@ -299,7 +302,7 @@ def test_fingers_in_front_of_a_rod_are_its_end_if_the_jump_is_less_than_twice_th
 
 
 def candidate_at(centre: np.ndarray) -> PalmCandidate:
-    return PALM._replace(centre=centre)
+    return USUAL._replace(centre=centre)
 
 
 @pytest.fixture
@@ -396,3 +399,61 @@ def test_a_turned_normal_is_that_of_the_turned_points() -> None:
     here = arm_region._normal(points, points.mean(axis=0))
     there = arm_region._normal(points @ turn.T, turn @ points.mean(axis=0))
     np.testing.assert_allclose(there, turn @ here, atol=1e-9)
+
+
+def test_a_drawn_hand_is_a_candidate_with_its_forearm_and_fingers() -> None:
+    """Its middle is taken 2 cm towards the fingers."""
+    scene = arm(rotation_degrees=30)
+    centre = scene.truth[PALM] + 0.02 * np.array([0.5, -np.sqrt(0.75), 0]) - [0, 0, 0.014]
+    s = replace(SETTINGS, spacing_m=0.003)
+    found = arm_region._candidate(scene.depth, CAMERA.lens, centre, 0.038, s)
+    assert found is not None
+    score, hand = found
+    assert hand.forearm is not None
+    along = scene.truth[ELBOW] - centre
+    assert hand.forearm @ along > 0.98 * np.linalg.norm(along)
+    tips = scene.truth[[*TIPS]]
+    order = [int(np.linalg.norm(tips - tip, axis=1).argmin()) for tip in hand.tips]
+    assert order in ([0, 1, 2, 3, 4], [4, 3, 2, 1, 0])
+    assert np.linalg.norm(tips[order] - hand.tips, axis=1).max() < 0.02
+    away = np.linalg.norm(hand.spheres[:, :3] - centre, axis=1)
+    assert 0.21 < away.max() < 0.23
+    assert 300 <= len(hand.spheres) <= 600
+    np.testing.assert_array_equal(hand.spheres[:, 3:], np.tile([0.01, 1.0], (len(away), 1)))
+    for deeper, some in ((0.01, True), (-0.01, True), (0.03, False), (-0.03, False)):
+        other = arm_region._candidate(scene.depth, CAMERA.lens, centre + np.array([0, 0, deeper]), 0.038, s)
+        assert (other is not None) == some
+    assert score == pytest.approx(1 + 5 * 0.25 - centre[2], abs=0.3)
+
+
+def strip(around_m: float, wide: int = 32) -> np.ndarray:
+    """The end of a strip at 1 m, 2.5 mm a pixel, before or behind all around it, as `WIDE` sees it."""
+    depth = np.full((360, 480), around_m, np.float32)
+    depth[150:, 240 - wide // 2 : 240 + wide // 2] = 1.0
+    return depth
+
+
+@pytest.mark.parametrize(
+    ("around_m", "wide", "some"),
+    [(1.3, 32, True), (0.8, 32, False), (1.3, 60, True), (1.3, 70, False), (0.0, 32, True)],
+)
+def test_a_strip_is_an_arm_if_it_is_as_narrow_as_one_and_not_seen_through_a_gap(
+    around_m: float, wide: int, some: bool
+) -> None:
+    """16 cm are 64 pixels."""
+    centre = np.array([0.0, 0.0, 1.0])
+    found = arm_region._candidate(strip(around_m, wide), WIDE, centre, 0.038, SETTINGS)
+    assert (found is not None) == some
+    if found is not None:
+        assert found[1].forearm is not None
+        np.testing.assert_allclose(found[1].forearm, [0, 1, 0], atol=0.1)
+        np.testing.assert_allclose(found[1].normal, [0, 0, -1], atol=1e-3)
+
+
+@pytest.mark.parametrize(("side", "some"), [(8, False), (12, True)])
+def test_a_hand_shows_at_least_twelve_points(side: int, some: bool) -> None:
+    """They are 4 mm apart, less than two of these pixels."""
+    depth = np.zeros((360, 480), np.float32)
+    depth[180 - side // 2 : 180 + side // 2, 240 - side // 2 : 240 + side // 2] = 1.0
+    s = replace(SETTINGS, spacing_m=0.008)
+    assert (arm_region._candidate(depth, WIDE, np.array([0.0, 0, 1.0]), 0.038, s) is not None) == some
