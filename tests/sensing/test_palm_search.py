@@ -201,7 +201,7 @@ def test_without_a_long_branch_a_wide_one_is_the_foreshortened_forearm(branch: A
 @pytest.mark.parametrize(
     ("other", "middle"),
     [
-        (FOREARM, True), ((0.17, 0.09, 0.06), True), ((0.169, 0.09, 0.06), False), ((0.2, 0.081, 0.06), True),
+        (FOREARM, True), ((0.15 + 0.02, 0.09, 0.06), True), ((0.169, 0.09, 0.06), False), ((0.2, 0.081, 0.06), True),
         ((0.2, 0.08, 0.06), False), ((0.2, 0.09, 0.0271), True), ((0.2, 0.09, 0.027), False),
     ],
 )  # fmt: skip
@@ -220,6 +220,7 @@ def test_the_forearm_is_the_longest_and_widest_branch_and_surely_one_beyond_the_
     assert chosen((0.16, 0, 0.04), (0.16, 0, 0.05), (0.16, 0, 0.03)) == [0, 1, 0]
     assert chosen((0.16, 0, 0.04), (0.155, 0, 0.04), (0.165, 0, 0.04)) == [0, 0, 1]
     assert chosen((0.16, 0, 0.05), (0.165, 0, 0.5), (0.155, 0, 0.9)) == [0, 1, 0], "above 5 cm width is no more"
+    assert chosen((0.165, 0, 0.032), (0.155, 0, 0.04), (0.155, 0, 0.03)) == [0, 1, 0], "width counts like length"
     assert chosen((0.17, 0, 0.01), (0.169, 0, 0.05), (0.169, 0, 0.05)) == [1, 0, 0]
     assert chosen((0.16, 0, 0.04), (0.17, 0, 0.05), (0.2, 0, 0.01), arm=~every | (towards[:, 0] > 0)) == [1, 0, 0]
     assert chosen((0.16, 0, 0.04), (0.17, 0, 0.05), (0.2, 0, 0.01), arm=~every) is None
