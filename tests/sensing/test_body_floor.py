@@ -97,6 +97,17 @@ def test_a_floor_is_at_least_a_twentieth_of_what_is_seen(columns: int, found: bo
     assert (floor_plane(np.where(lower, depth, scattered), CAMERA, SETTINGS) is not None) == found
 
 
+@pytest.mark.parametrize(("below", "found"), [(9, True), (10, False)])
+def test_three_hundredths_of_what_is_seen_may_be_below_a_floor(below: int, found: bool) -> None:
+    """Of 300 samples; reflections on a floor are below it."""
+    n = normal_of(35)
+    depth = plane_depth(n, 1.2, far_m=50.0)
+    assert (depth[4::8, 4::8] > 0).all()
+    depth[60, 4 : 4 + 8 * below : 8] *= 1.5
+    plane = floor_plane(depth, CAMERA, SETTINGS)
+    assert (plane is not None and bool(np.abs(plane - [*n, 1.2]).max() < 1e-4)) == found
+
+
 def test_points_are_those_of_every_eighth_pixel_from_the_fourth_on() -> None:
     metres = np.random.default_rng(0).uniform(-1, 3, (120, 160)).astype(np.float32)
     found = lines._points(metres, CAMERA)
