@@ -101,6 +101,8 @@ def test_corners_are_where_the_arm_has_them_wherever_it_is(right: int, down: int
     for corner in ((80, 50), (99, 50), (80, 69), (99, 69)):
         assert np.hypot(*(found - corner).T).min() < 4
     np.testing.assert_array_equal(found, joints._corners(outline_of(PLUS), SETTINGS))
+    apart = np.abs(found[:, None] - found).max(axis=-1) + 9 * np.eye(len(found))
+    assert apart.min() > 2  # only the strongest pixel of a corner is one
 
 
 def test_with_a_larger_part_only_the_strongest_corners_are_left() -> None:
@@ -186,6 +188,8 @@ def test_of_tips_within_a_tips_radius_the_farthest_from_the_palm_is_kept() -> No
     assert outer([(60, 60), (140, 60)], [(60, 60), (140, 60)]) == [[60, 60], [140, 60]]
     level = [(94, 20), (104, 20)]  # 10 px apart: the same group, and the second is nearer
     assert outer(level, [(94.0, 20.0), (104.0, 20.0)]) == [[94, 20]]
+    for first, second in (((95, 20), (105, 20)), ((105, 20), (95, 20))):  # as far: the first
+        assert outer([first, second], [first, second]) == [list(map(float, first))]
     mirrored = [(106, 20), (94, 20)]
     assert outer(mirrored, [(106.0, 20.0), (94.0, 20.0)]) == [[106, 20], [94, 20]], "12 px apart"
 
@@ -311,6 +315,8 @@ def test_of_many_tips_the_five_farthest_from_the_palm_are_fingers(found: dict[st
     turns = (-60, -40, -20, 0, 20, 40, 60)
     found["outer"] = [at_degrees(turn, far=30 + 3 * k)[0] for k, turn in enumerate(turns)]
     assert joined().tips.tolist() == found["outer"][2:]
+    found["outer"] = [*at_degrees(-90, -70, -50, -30, -10), *at_degrees(90, far=30)]
+    assert joined().tips.tolist() == found["outer"][:5]
 
 
 def test_a_blob_beside_a_tip_is_the_tip_within_twice_its_radius(found: dict[str, Any]) -> None:
