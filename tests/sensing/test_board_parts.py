@@ -177,3 +177,15 @@ def test_the_first_square_is_light_if_the_boards_black_squares_are_the_lighter_o
     assert boards._first_square_is_light(255 - image if light else image, at, CHESS) == light
     cut = image[: round(float(at[-1, 1])), : round(float(at[-1, 0]))]  # the last squares are beyond the border
     assert boards._first_square_is_light(255 - cut if light else cut, at, CHESS) == light
+
+
+@pytest.mark.parametrize("light", [True, False])
+def test_only_the_inner_squares_tell_which_are_light(light: bool) -> None:
+    """The outermost are the first to be covered by hands, or in a shadow."""
+    image, at = drawn_at(CHESS)
+    shown = 100 + image // 5
+    inner = np.zeros(image.shape, np.bool_)
+    (left, top), (right, bottom) = at.min(axis=0).astype(int), at.max(axis=0).astype(int)
+    inner[top : bottom + 1, left : right + 1] = True
+    misleading = np.where(inner, shown, 255 - image)
+    assert boards._first_square_is_light(255 - misleading if light else misleading, at, CHESS) == light

@@ -24,7 +24,7 @@ from mocapella.sensing.colour_learning import (
     learn_colours,
     light_of,
 )  # fmt: skip
-from mocapella.sensing.colour_profile import SKIN, brightness, chromaticity
+from mocapella.sensing.colour_profile import SKIN, CameraControls, brightness, chromaticity
 
 RED, GREY = (30, 30, 180), (90, 90, 90)
 
@@ -225,6 +225,12 @@ def test_a_colour_in_several_images_has_their_pixels_and_their_median_area() -> 
     (colour,) = learn_colours("left", samples).colours
     assert colour.area_px == 72
     assert colour.seen.pixels == 4 * (4 + 5 + 8)
+
+
+def test_a_profile_has_the_given_values_of_the_cameras_controls() -> None:
+    sample, controls = ColourSample(image_of((30, 20, 8, 8, RED)), {"red": (34, 24)}), CameraControls(exposure=7.0)
+    assert learn_colours("left", [sample], controls=controls).controls == controls
+    assert learn_colours("left", [sample]).controls == CameraControls()
 
 
 def test_the_histogram_is_of_means_of_nine_pixels() -> None:
