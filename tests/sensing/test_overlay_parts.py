@@ -66,6 +66,14 @@ def test_what_leaves_the_models_window_is_outside_on_every_side(side: int) -> No
     assert deviations(model, box(x, y, width, height))[0] == []
 
 
+def test_a_sample_on_the_models_contour_is_not_covered() -> None:
+    phi = np.pad(np.full((10, 10), 0.5, np.float32), 4)
+    edge = Silhouette((16, 16), 1, np.where(phi > 0, phi, np.float32(0.0)))
+    outside, inside = deviations(box(17, 17, 16, 16), edge)
+    assert len(np.concatenate(outside)) == 4 * 15 + 1
+    assert inside == []
+
+
 @given(arrays(np.bool_, st.integers(5, 30)))
 def test_a_majority_is_three_of_the_five_around_a_closed_line(flags: Any) -> None:
     wanted = [sum(flags[(k + d) % len(flags)] for d in range(-2, 3)) >= 3 for k in range(len(flags))]

@@ -58,6 +58,17 @@ def test_what_is_near_reaches_so_far_behind_the_nearest(behind: float, kept: boo
     assert not first.near[0, 0]
 
 
+@pytest.mark.parametrize(("behind", "kept"), [(0.095, True), (0.105, False)])
+def test_grey_levels_and_reach_are_of_the_range(behind: float, kept: bool) -> None:
+    """Half a metre has all levels here."""
+    s = replace(SETTINGS, near_m=0.5, far_m=1.0)
+    first = separated(plates((10, 10, 40, 40, 0.75), (80, 10, 40, 40, 0.75 + behind), (10, 70, 5, 5, 1.0)), s)
+    assert first.gray[20, 20] == 128
+    assert first.gray[20, 100] == round(128 - 508 * behind)
+    assert first.gray[72, 12] == 1
+    assert (first.near[20, 100] == 255) == kept
+
+
 @pytest.mark.parametrize(("pixels", "kept"), [(15, True), (17, False)])
 def test_the_nearest_is_that_of_a_hundredth_of_the_pixels_in_the_region(pixels: int, kept: bool) -> None:
     """Of 1600, 16 are noise."""
@@ -128,6 +139,31 @@ def test_the_nearest_outline_is_the_arm(mirror: bool, first_nearer: bool) -> Non
     assert (found.metres[found.noisy] == np.float32(s.noise_m)).all()
 
 
+def test_holes_do_not_make_the_nearest_outline_farther() -> None:
+    depth = plates((10, 20, 40, 40, 0.5), (90, 20, 40, 40, 0.55))
+    depth[24:56, 14:46] = 0
+    found = outline(separated(depth, SETTINGS), SETTINGS)
+    assert found is not None
+    assert found.centre[0] == pytest.approx(30, abs=2)
+    assert found.noisy[40, 30]
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 60, 90, 135])
+def test_a_bar_has_its_line_along_it_whatever_its_direction(degrees: int) -> None:
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    depth = plates()
+    a, b = (np.round([80, 60] + 45 * side * along).astype(int).tolist() for side in (-1, 1))
+    cv2.line(depth, a, b, 0.5, 12)
+    found = outline(separated(depth, SETTINGS), SETTINGS)
+    assert found is not None
+    x0, y0, x1, y1 = lines(found, SETTINGS).segments[0]
+    line = np.array([x1 - x0, y1 - y0])
+    assert np.linalg.norm(line) > 50
+    assert abs(along @ line) > 0.99 * np.linalg.norm(line)
+    turn = (degrees + 90) % 180  # 0 is upright
+    assert abs((lines(found, SETTINGS).rotation_degrees - turn + 90) % 180 - 90) < 3
+
+
 @given(st.integers(0, 5000))
 def test_a_hole_takes_the_median_of_its_measured_neighbours(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -144,7 +180,7 @@ def test_a_hole_takes_the_median_of_its_measured_neighbours(seed: int) -> None:
 def test_the_longest_line_is_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     found = outline(separated(plates((50, 30, 40, 60, 0.5)), SETTINGS), SETTINGS)
     assert found is not None
-    told = np.array([[[10, 10, 13, 14]], [[100, 90, 100, 80]], [[50, 50, 41, 50]], [[80, 80, 86, 88]]], np.int32)
+    told = np.array([[[100, 110, 103, 114]], [[10, 9, 10, 19]], [[50, 50, 41, 50]], [[20, 20, 26, 28]]], np.int32)
     monkeypatch.setattr(line_skeleton_outline.cv2, "HoughLinesP", lambda *_: told)
     lengths = [np.hypot(x1 - x0, y1 - y0) for x0, y0, x1, y1 in lines(found, SETTINGS).segments]
     assert lengths == [10, 10, 9, 5]
