@@ -11,7 +11,7 @@ from support.marker_images import discs
 
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
 from mocapella.sensing.colour_profile import BINS, BackgroundColours, ColourProfile
-from mocapella.sensing.markers import LIGHT_STEP, MarkerDetector, MarkerSettings, linear_light
+from mocapella.sensing.markers import LIGHT_STEP, MarkerDetector, MarkerSettings, linear_light, piece_buffers
 
 RED = (20, 15, 190)
 SCENE = discs((60.0, 50.0, 8.0, RED))
@@ -117,3 +117,13 @@ def test_images_searched_as_a_whole_and_those_of_too_many_runs_are_counted(
         detector.update(SCENE, at_s)
     report = detector.report
     assert (report.images, report.whole_images, report.overflows) == (2, whole, overflows)
+
+
+@pytest.mark.parametrize("width", [1, 7, 8, 9, 160, 163])
+def test_buffers_have_room_for_each_pixel_of_a_row_and_each_run(width: int) -> None:
+    """Labels are written eight at a time."""
+    buffers = piece_buffers(width, 50)
+    assert buffers.cells.shape == (width,)
+    assert len(buffers.labels) % 8 == 0
+    assert len(buffers.labels) >= width + 8
+    assert [rows.shape for rows in (buffers.runs, buffers.parent, buffers.found)] == [(50, 4), (50,), (50, 11)]
