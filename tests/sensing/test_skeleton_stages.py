@@ -302,6 +302,17 @@ def test_the_circle_of_an_arm_is_drawn_where_it_is() -> None:
     np.testing.assert_allclose(np.hypot(yellow[1] - x, yellow[0] - y), radius, atol=2)
 
 
+def test_the_circle_about_a_palm_is_drawn_if_there_is_a_hand() -> None:
+    look = looked()
+    assert look.hand is not None
+    hand = replace(look.hand, palm=np.array([120.0, 95.0]), inside_px=15.0)
+    for one, some in ((hand, True), (None, False)):
+        shown = pictures(replace(look, hand=one))["circular region"].astype(int)
+        green = (np.abs(shown - [80, 220, 80]).max(axis=-1) < 40).nonzero()
+        assert (len(green[0]) > 50) == some
+        np.testing.assert_allclose(np.hypot(green[1] - 120, green[0] - 95), 15, atol=2)
+
+
 def test_the_first_outline_is_green_and_others_are_red() -> None:
     shown = pictures(looked())["contours"]
     assert (shown[20:60, 58:82] == [80, 220, 80]).all(axis=-1).any()
