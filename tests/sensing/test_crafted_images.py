@@ -175,3 +175,9 @@ def test_channels_and_depth_are_those_of_the_file_if_it_is_unchanged() -> None:
     shown = decode_pixels(data)
     assert shown is not None
     assert (shown.shape, shown.dtype) == ((6, 9, 3), np.dtype(np.uint8))
+
+
+def test_a_whole_jpeg_of_no_known_format_is_refused() -> None:
+    for format in ("", "gif", "raw"):
+        with pytest.raises(InputError, match="its image is damaged"):
+            decode_image(msgspec.structs.replace(frame("jpeg"), format=format))
