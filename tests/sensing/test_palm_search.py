@@ -427,6 +427,24 @@ def test_a_drawn_hand_is_a_candidate_with_its_forearm_and_fingers() -> None:
     assert score == pytest.approx(1 + 5 * 0.25 - centre[2], abs=0.3)
 
 
+@pytest.mark.parametrize("forearm_m", [(0.15, 0.23), (0.35, 0.4)])
+def test_a_hand_elsewhere_in_the_image_has_the_same_forearm_and_fingers(forearm_m: tuple[float, float]) -> None:
+    """Also if its forearm reaches less far than fingers might, as a foreshortened one."""
+    scene, s = arm(rotation_degrees=30), replace(SETTINGS, spacing_m=0.003, forearm_m=forearm_m)
+    centre = scene.truth[PALM] + 0.02 * np.array([0.5, -np.sqrt(0.75), 0]) - [0, 0, 0.014]
+    found = []
+    for right in (0, 160):
+        moved = np.array([right * centre[2] / CAMERA.lens[0], 0, 0])
+        depth = np.roll(scene.depth, right, axis=1)
+        candidate = arm_region._candidate(depth, CAMERA.lens, centre + moved, 0.038, s)
+        assert candidate is not None
+        assert candidate[1].forearm is not None
+        found.append((candidate[1].forearm, candidate[1].tips - moved))
+    np.testing.assert_allclose(found[1][0], found[0][0], atol=0.06)
+    np.testing.assert_allclose(found[1][1], found[0][1], atol=0.01)
+    assert found[0][0] @ (scene.truth[ELBOW] - centre) > 0.25
+
+
 def strip(around_m: float, wide: int = 32) -> np.ndarray:
     """The end of a strip at 1 m, 2.5 mm a pixel, before or behind all around it, as `WIDE` sees it."""
     depth = np.full((360, 480), around_m, np.float32)
