@@ -241,6 +241,24 @@ def test_twice_the_noise_is_twice_the_uncertainty() -> None:
         assert getattr(two, name) == pytest.approx(2 * getattr(one, name), rel=0.02)
 
 
+def test_three_times_as_large_leaves_angles_and_times_as_they_are() -> None:
+    t = np.arange(0, 8, 0.1)
+    p, track = seen(FAR, t, points=2, rate_hz=50.0)
+    p += np.random.default_rng(2).normal(0, 0.001, p.shape)
+    large = track.T.copy()
+    large[:, :3, 3] *= 3
+    far = FAR.copy()
+    far[:3, 3] *= 3
+    one, three = (
+        refined(t, p, track, FAR),
+        refined(t, 3 * p, _Track(track.times, large, 0.1), far, lever=3 * LEVERS[:2]),
+    )
+    for name in ("position_sd_m", "lever_sd_m", "residual_m", "lever_m"):
+        np.testing.assert_allclose(getattr(three, name), 3 * getattr(one, name), rtol=1e-4)
+    for name in ("rotation_sd_rad", "delay_sd_s", "delay_s"):
+        assert getattr(three, name) == pytest.approx(getattr(one, name), rel=1e-4)
+
+
 def test_if_everything_happens_twice_the_variance_is_half_that_of_once() -> None:
     """Apart from what is corrected because the blocks of half a second are a sample, from which the mean is taken."""
     once = np.arange(0, PERIOD_S, 0.05) + 0.01
@@ -336,7 +354,7 @@ def test_the_space_is_told_in_centimetres_and_the_turn_in_degrees() -> None:
     t = np.arange(0, 5, 0.05)
     poses_s = np.arange(-1, 6, 0.05)
     sign = np.array([1.0, -1.0])[np.arange(len(poses_s)) % 2]
-    T = np.asarray(rigid(turned(sign[:, None] * [0.0, 0.25, 0.0]), np.zeros(3)))
+    T = np.asarray(rigid(turned(sign[:, None] * [-0.005, 0.25, 0.0]), np.zeros(3)))
     other = np.where(np.arange(len(t)) // 2 % 2, 1.0, -1.0)
     p = np.stack([0.3 * np.tile([1.0, -1.0], len(t) // 2), 0.023 * other, np.zeros(len(t))], axis=1)[:, None]
     at = np.searchsorted(poses_s, t - 1e-9)

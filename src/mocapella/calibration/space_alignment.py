@@ -322,7 +322,7 @@ def _refined(
         W = np.repeat(weight.ravel(), 3)
         A = (flat.T * W) @ flat
         A[np.diag_indices_from(A)] *= 1.0 + 1e-10
-        step = np.linalg.lstsq(A, flat.T @ (W * r.ravel()), rcond=1e-14)[0]
+        step = np.asarray(np.linalg.lstsq(A, flat.T @ (W * r.ravel()), rcond=1e-14)[0], dtype=np.float64)
         T, lever, delay = _stepped((T, lever, delay), step, centre, axes, s.delay_within_s)
         if np.abs(step).max() < 1e-7:
             break
