@@ -248,7 +248,7 @@ def test_a_part_may_move_by_just_as_much_as_still_is() -> None:
     for array, x in ((before, 0.0), (now, 0.125)):
         array.positions[0, hand] = [x, 1.0, 2.0]
     assert movement(before, now, 0.125) == ""
-    assert movement(before, now, 0.1249) == "front: left hand of 1 moved 12 cm"
+    assert movement(before, now, 0.1249) == "front: left hand of body 1 moved 12 cm"
 
 
 def test_no_distance_at_all_is_refused_as_still() -> None:
