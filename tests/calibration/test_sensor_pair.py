@@ -44,6 +44,7 @@ from mocapella.calibration.shared_people import (
     HIDES,
     SURE_FIELD,
     Field,
+    _misses,
     missed_people,
     same_people,
 )
@@ -228,6 +229,18 @@ def _alone(field: Field, person: list[float], body: list[float]) -> bool:
     return missed_people(T_a_b, np.vstack([lonely, [body]]), theirs, field)
 
 
+def test_a_field_ends_before_its_limits() -> None:
+    field, aside = Field(1.0, 2.0, np.pi / 4), np.array([[9.0, 0.0, 0.1]])
+    for person, within in (
+        ([0.0, 0.0, 1.0], False),
+        ([0.0, 0.0, 2.0], False),
+        ([1.5, 0.0, 1.5], False),
+        ([1.4, 0, 1.5], True),
+    ):
+        assert _misses(field, np.array([person]), aside) is within
+    assert _misses(field, np.array([[0.0, 0.0, 1.5]]), np.array([[0.0, 0.0, 1.5 - BEHIND_M]]))
+
+
 def test_bodies_of_one_person_are_paired_in_the_order_of_the_first_sensor() -> None:
     assert same_people({3: 30, 1: 10, 2: 20}, {7: 10, 8: 40, 9: 30}) == ((3, 9), (1, 7))
     assert same_people({}, {7: 10}) == same_people({1: 10}, {}) == ()
@@ -268,6 +281,7 @@ def test_two_sensors_are_at_one_place_if_this_is_known_well_and_people_walked() 
         assert not told((1.02 * np.array(at_m)).tolist())
     assert not told([-ONE_PLACE_M, 0.0, 0.0])
     assert not told([0.07, 0.08, 0.0])
+    assert not told([0.0, ONE_PLACE_M, 0.0])
     for turn, same in ((0.99, True), (-0.99, True), (1.01, False), (30.0, False)):
         assert told([0.0, 0.0, 0.0], turn * ONE_PLACE_TURN) is same
     assert not told([0.0, 0.0, 0.0], np.pi)
