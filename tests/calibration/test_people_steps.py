@@ -405,9 +405,8 @@ def test_poses_come_from_pairs_with_an_estimate_of_their_own() -> None:
 
 def test_a_pair_without_an_estimate_begins_from_those_of_others() -> None:
     T = rigid(rotation_about_y(0.3), [2.0, 0.0, 1.0])
-    placed = {
-        "a": place("a", offset=TimeOffset(0.25, 0.01, True)), "b": place("b", T, root="a", offset=TimeOffset(1.0, 0.01, True)),
-    }  # fmt: skip
+    early, late = TimeOffset(0.25, 0.01, True), TimeOffset(1.0, 0.01, True)
+    placed = {"a": place("a", offset=early), "b": place("b", T, root="a", offset=late)}
     new = PairOfSensors(None, ColdStart(SETTINGS.pair))
 
     def begun(where: dict[str, PlacedSensor], one: PairOfSensors, moved: str = "", partners: int = 4) -> PairOfSensors:
