@@ -135,13 +135,16 @@ def test_five_instants_together_are_enough() -> None:
 
 
 def test_a_tilt_needs_two_corners_on_two_rows_and_columns() -> None:
-    (view,) = everywhere("c0", 1)
+    x, y = BOARD.corners_m[:, :2].T
+    depth = 1 + x + 0.5 * y
+    view = BoardView("c0", 0, SIZE, np.arange(BOARD.corners), 900 * np.column_stack([x / depth, y / depth]))
     across = BOARD.columns - 1
 
     def of(ids: list[int]) -> float:
         return tilt(msgspec.structs.replace(view, ids=np.array(ids), corners_px=view.corners_px[ids]), BOARD)
 
     assert of([0, 3, across, across + 3]) > 0.05
+    assert of([across - 2, across - 1, across, across + 1]) > 0.05
     assert of([6, 7, 8, 6 + across, 7 + across, 8 + across]) > 0.01
     assert of(list(range(across, 2 * across))) == 0.0  # one row
     assert of(list(range(2, BOARD.corners, across))) == 0.0  # one column
