@@ -266,3 +266,18 @@ def test_one_camera_alone_disagrees_with_nobody() -> None:
     found = adjust(noisy, truth, free, np.ones(5, np.bool_), no_prior(1))
     assert found.dispersion == 1.0
     assert 0 < found.covariance[0, 6, 0, 6] < 100.0
+
+
+def test_views_of_a_few_boards_disagree_by_as_much_as_those_of_many() -> None:
+    """Per coordinate that is left when boards and cameras are placed, which are a half of all with three boards."""
+    times, found = 10, []
+    grid = np.array([[x, y, 0.0] for x in np.linspace(-0.2, 0.2, 5) for y in np.linspace(-0.1, 0.1, 4)])
+    for seed in range(5):
+        corners, truth = scene(3, grid=grid, seed=seed)
+        off = np.random.default_rng(seed).normal(0, 0.2, corners.pixel.shape)
+        order = np.arange(len(corners.board)).reshape(-1, len(grid)).repeat(times, axis=0).ravel()
+        often = Corners(
+            corners.camera[order], corners.board[order], corners.corner_m[order], (corners.pixel + off)[order]
+        )
+        found.append(adjust(often, truth, poses_free(), np.ones(3, np.bool_), no_prior()).dispersion)
+    assert np.mean(found) == pytest.approx(times, rel=0.35)

@@ -204,3 +204,11 @@ def test_a_motion_is_of_common_corners_in_pictures_of_one_size_and_a_speed_of_ti
         assert _speed(BoardLook(1.0, old), BoardLook(1.0 + later_s, new)) == pytest.approx(speed)
     assert _speed(BoardLook(1.0, old), BoardLook(1.0, old)) == 0.0
     assert _speed(BoardLook(1.0), BoardLook(2.0, new)) == np.inf
+
+
+def test_a_board_that_moves_too_fast_is_told_of_though_one_camera_alone_sees_it_at_times() -> None:
+    run = BoardRun(BOARD, ["a", "b"])
+    for k in range(2 * LATELY + 2):
+        run.add(looks(float(k), 500.0 * (k % 2), **({"a": 0.0, "b": 0.09} if k % 2 else {"a": 0.0})))
+        told = "moving" in {hint.cause for hint in run.hints()}
+        assert told == ((k + 1) // 2 >= LATELY)

@@ -142,10 +142,11 @@ def test_settings_out_of_range_are_refused() -> None:
             RigFitSettings(**changed)
 
 
+ROWS_S = {"left": READOUT_S, "right": 0.0}
 STRAIGHT = CameraRig(
     {
         name: PlacedCamera(
-            Camera(name, (640, 480), LENS * [1, 1, 1, 1, 0, 1, 1, 1, 1], readout_s=READOUT_S), placed.T_camera_world,
+            Camera(name, SIZE, LENS * [1, 1, 1, 1, 0, 1, 1, 1, 1], readout_s=ROWS_S[name]), placed.T_camera_world,
             np.zeros((6, 6)),
         )
         for name, placed in PARALLEL.cameras.items()
@@ -159,7 +160,7 @@ def steady(name: str, at_s: float) -> Float64:
     """(6, 2) pixels of markers that move steadily, each where it was when its row was read."""
     placed, rows = STRAIGHT.cameras[name], np.zeros(6)
     for _ in range(30):
-        moments = at_s + rows * READOUT_S / (SIZE[1] - 1)
+        moments = at_s + rows * ROWS_S[name] / (SIZE[1] - 1)
         points = PLACES + moments[:, None] * [0.12, 0.1, 0.0]
         px = np.asarray(project(apply(placed.T_camera_world, points), placed.camera.lens))
         rows = px[:, 1]
@@ -183,12 +184,28 @@ def test_markers_that_move_steadily_fit_exactly_whenever_and_row_by_row_the_came
     assert shown(late, FEW).rms_px()[0] < 1e-6
 
 
-def test_exchanged_cameras_are_as_far_off_as_each_under_the_others_name() -> None:
+def test_exchanged_cameras_are_far_off_unless_each_has_the_others_name() -> None:
     fit = shown(IN_TURN, FEW)
     other = shown(IN_TURN, FEW, {"left": "right", "right": "left"})
-    np.testing.assert_allclose(other.rms_px(), fit.rms_px(exchanged=True), rtol=1e-6)
-    np.testing.assert_allclose(other.rms_px(exchanged=True), 0.0, atol=1e-6)
+    np.testing.assert_allclose(other.rms_px(), fit.rms_px(exchanged=True), rtol=0.05)
+    np.testing.assert_allclose(other.rms_px(exchanged=True), 0.0, atol=2.0)
     assert other.rms_px()[0] > 3.0
+
+
+def test_a_frame_that_comes_twice_counts_once() -> None:
+    frames = [("left", 0.0), ("right", 0.0625), ("left", 0.0625)]
+    one, twice = (shown([*frames, *more], FEW) for more in ([], [("left", 0.0625)]))
+    np.testing.assert_array_equal(twice.rms_px(), one.rms_px())
+    assert np.isfinite(one.rms_px()).all()
+
+
+@pytest.mark.parametrize(("least", "known"), [(8.2, True), (8.3, False)])
+def test_markers_fade_to_a_part_in_e_within_the_memory_whenever_that_is(least: float, known: bool) -> None:
+    s = RigFitSettings(least_points=least, every_s=0.0, memory_s=0.0625)
+    fit = RigFit(STRAIGHT, 6, s)
+    for name, at_s in (("left", 0.0), ("right", 0.0), ("left", 0.0625), ("right", 0.0625)):
+        fit.update(name, steady(name, at_s), 100.0 + at_s)  # compared at the right one's times
+    assert np.isfinite(fit.rms_px()).all() == known
 
 
 @pytest.mark.parametrize(("least", "known"), [(6.0, True), (6.001, False)])

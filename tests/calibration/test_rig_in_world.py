@@ -179,7 +179,7 @@ def test_settings_out_of_range_are_refused(changes: dict[str, float]) -> None:
         RigInWorldSettings(**changes)  # type: ignore[arg-type]
 
 
-EVERY = RigInWorldSettings(every_s=0.0625, fewest=16, again_s=0.125)
+EVERY = RigInWorldSettings(every_s=0.0625, fewest=17, again_s=0.125)
 
 
 def shown(alignment: RigAlignment, count: int, known: int = 12, hz: float = 16.0, person: int = 1) -> list[int]:
