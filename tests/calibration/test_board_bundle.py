@@ -269,7 +269,10 @@ def test_one_camera_alone_disagrees_with_nobody() -> None:
 
 
 def test_views_of_a_few_boards_disagree_by_as_much_as_those_of_many() -> None:
-    """Per coordinate that is left when boards and cameras are placed, which are a half of all with three boards."""
+    """Per number of the views' poses that is left, which is a third of these with three boards.
+
+    The copies are one error, of which the unknowns take a tenth. What is left of it is compared with what they do.
+    """
     times, found = 10, []
     grid = np.array([[x, y, 0.0] for x in np.linspace(-0.2, 0.2, 5) for y in np.linspace(-0.1, 0.1, 4)])
     for seed in range(5):
@@ -280,4 +283,5 @@ def test_views_of_a_few_boards_disagree_by_as_much_as_those_of_many() -> None:
             corners.camera[order], corners.board[order], corners.corner_m[order], (corners.pixel + off)[order]
         )
         found.append(adjust(often, truth, poses_free(), np.ones(3, np.bool_), no_prior()).dispersion)
-    assert np.mean(found) == pytest.approx(times, rel=0.35)
+    absorbed = 24 / (2 * len(corners.pixel))
+    assert np.mean(found) == pytest.approx(times / (1 - absorbed), rel=0.3)
