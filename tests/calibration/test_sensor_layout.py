@@ -9,7 +9,14 @@ import pytest
 from test_people import ONE, two, walks
 
 from mocapella.calibration.people import PeopleCalibration
-from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout, load_layout, save_layout
+from mocapella.calibration.sensor_layout import (
+    SensorLayout,
+    decode_layout,
+    encode_layout,
+    is_layout,
+    load_layout,
+    save_layout,
+)
 from mocapella.errors import InputError
 
 
@@ -74,3 +81,11 @@ def test_a_layout_of_places_alone_is_enough_to_begin(layout: SensorLayout) -> No
         np.linalg.norm(np.subtract(*(np.array(layout.sensors[name].T_world_sensor)[:3, 3] for name in "ab"))),
         atol=0.15,
     )
+
+
+@pytest.mark.parametrize(
+    ("data", "is_one"),
+    [(b'{"sensors": 3}', True), (b'{"version": 1, "sensors": {}}', True), (b'{"cameras": {}}', False), (b"[", False)],
+)
+def test_what_has_sensors_is_a_layout_valid_or_not(data: bytes, is_one: bool) -> None:
+    assert is_layout(data) is is_one
