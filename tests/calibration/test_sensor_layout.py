@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_people import ONE, two, walks
 
+from mocapella.calibration.pair_memory import COST_WEIGHT
 from mocapella.calibration.people import PeopleCalibration
 from mocapella.calibration.sensor_layout import (
     SensorLayout,
@@ -46,6 +47,7 @@ def test_what_is_written_is_what_is_read(layout: SensorLayout, tmp_path: Path) -
         (lambda data: data["sensors"]["a"].update(T_world_sensor=[[1.0]]), r"sensors.a.T_world_sensor"),
         (lambda data: data["pairs"][0]["moments"].pop(), r"pairs\[0\].moments"),
         (lambda data: data["pairs"][0]["moments"].__setitem__(0, 0.0), "no weight"),
+        (lambda data: data["pairs"][0]["scalars"].__setitem__(COST_WEIGHT, 0.0), "no weight"),
         (lambda data: data["pairs"][0]["T_a_b"][3].__setitem__(3, 2.0), "no rigid motion"),
         (lambda data: data["sensors"].update({"a b/": data["sensors"]["a"]}), "a b/"),
         (lambda data: data.pop("pairs"), "is no sensor layout"),
