@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from mocapella.association.proportions import SD_M
 from mocapella.association.tracks import TrackMemory, Tracks, TrackSettings, assign, distances
 from mocapella.errors import SettingsError
 
@@ -248,6 +249,50 @@ def test_who_two_become_has_what_is_known_of_either(confirmed: tuple[bool, bool]
         assert one.body[0, [0, 1, 3]].tolist() == [0, 101, 3]
 
 
+def newcomer(*deviations: float, missing_since_s: float = 5.0, seen_for_s: float = 0.15) -> Tracks:
+    """One who is new, where others were whose lengths are so many standard deviations longer."""
+    count = len(deviations)
+    tracks = several(*[0.0] * (count + 1), seen_by=[[0]] * (count + 1))
+    m = tracks.memory
+    m.size[:, 0], m.size[:, 1] = 0.5 + np.outer([*deviations, 0.0], SD_M), 9.0
+    m.body_s[:count], m.seen_s[:count] = -np.inf, -missing_since_s
+    m.confirmed[count], m.since_s[count], m.seen_s[count] = False, -seen_for_s, 0.0
+    tracks._know_again(0.0)
+    return tracks
+
+
+@pytest.mark.parametrize(
+    ("deviations", "at_once", "later"),
+    [
+        ((1.0,), (10,), (10,)),
+        ((1.5,), None, (10,)),  # not half as different as one may be
+        ((2.1,), None, None),
+        ((1.0, 1.5), (10,), (10,)),
+        ((1.5, 1.0), (11,), (11,)),
+        ((1.0, 1.2), None, (10,)),  # nearly as like to the other
+    ],
+)
+def test_a_newcomer_is_who_is_missing_and_most_alike_at_once_if_it_is_sure(
+    deviations: tuple[float, ...], at_once: tuple[int] | None, later: tuple[int] | None
+) -> None:
+    new = 10 + len(deviations)
+    for seen_for_s, who in ((0.15, at_once), (1.2, later)):
+        tracks = newcomer(*deviations, seen_for_s=seen_for_s)
+        assert tracks.merged == (((*who, new),) if who else ())
+        waits = who is None and seen_for_s < tracks.settings.size_after_s
+        assert tracks.memory.confirmed.all() == (not waits)
+        assert (new in tracks.people) == (who is None)
+
+
+@pytest.mark.parametrize(("missing_since_s", "missed"), [(0.2, False), (0.3, True)])
+def test_who_was_seen_just_now_is_not_missing_so_that_nobody_else_becomes_him(
+    missing_since_s: float, missed: bool
+) -> None:
+    tracks = newcomer(0.0, missing_since_s=missing_since_s)
+    assert tracks.people == ([10] if missed else [10, 11])
+    assert tracks.memory.confirmed.all()
+
+
 def test_a_body_of_whose_middle_nothing_is_seen_is_who_it_was_and_nobody_new() -> None:
     tracks, nothing = Tracks(), np.full((1, 3, 3), np.nan)
     assert owners(tracks, "front", [5], spine((0, 3))[None], 0.0) == [0]
@@ -294,6 +339,15 @@ def test_the_order_of_bodies_in_a_frame_does_not_matter(order: list[int], missin
     first = dict(zip(straight, owners(one, "front", [b + 10 for b in straight], places[straight], DT), strict=True))
     assert dict(zip(order, owners(other, "front", ids, places[order], DT), strict=True)) == first
     assert first == {body: body for body in straight}
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.125])
+def test_a_new_person_is_confirmed_once_the_wait_is_over_without_one_at_the_first_sight(wait_s: float) -> None:
+    tracks = Tracks(TrackSettings(confirm_after_s=wait_s))
+    tracks.update("front", [5], spine((0.0, 3.0))[None], None, 0.0)
+    assert tracks.memory.confirmed.tolist() == [wait_s == 0.0]
+    tracks.update("front", [5], spine((0.0, 3.0))[None], None, 0.125)
+    assert tracks.memory.confirmed.tolist() == [True]
 
 
 @pytest.mark.parametrize("name", ["gate_m", "forget_after_s"])

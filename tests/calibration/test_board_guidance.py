@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.filmed_boards import BOARD, SIZE, film
 
-from mocapella.calibration.board_guidance import coverage, field_counts, tilt
+from mocapella.calibration.board_guidance import BLURRED_PX, coverage, field_counts, tilt
 from mocapella.model.board import BoardView
 
 
@@ -100,3 +100,52 @@ def test_corners_on_the_border_of_the_image_or_beyond_count_in_the_outermost_fie
     counts = field_counts([BoardView("c0", 0, (400, 300), np.arange(4), corners)])
     assert (counts[[0, 0, -1, -1], [0, -1, 0, -1]] == 1).all()
     assert counts.sum() == 4
+
+
+def test_a_corner_counts_in_the_field_of_the_pixel_that_it_is_in() -> None:
+    """The image begins half a pixel before the centre of its first pixel: fields of 100 pixels begin at 99.5."""
+    for x, y, field in ((99.4, 99.4, (0, 0)), (99.5, 99.4, (0, 1)), (99.4, 99.5, (1, 0)), (299.5, 199.5, (2, 3))):
+        counts = field_counts([BoardView("c0", 0, (400, 300), np.arange(1), np.array([[x, y]]))])
+        assert counts[field] == counts.sum() == 1
+
+
+def test_pictures_are_blurred_beyond_the_width_and_a_board_small_below_its_share() -> None:
+    def named(cause: str, **changed: object) -> bool:
+        return (cause, "c0") in causes([msgspec.structs.replace(v, **changed) for v in everywhere("c0")], ["c0"])
+
+    assert not named("blurred", edge_px=BLURRED_PX)
+    assert named("blurred", edge_px=float(np.nextafter(BLURRED_PX, 9)))
+    square = np.tile([[100.0, 100.0], [200.0, 200.0]], (BOARD.corners // 2, 1))
+    assert not named("small board", corners_px=square, size_px=(1000, 1000))
+    assert named("small board", corners_px=square, size_px=(1000, 1001))
+
+
+def test_ten_pictures_are_enough_and_three_show_whether_the_board_is_tilted() -> None:
+    assert ("few views", "c0") in causes(everywhere("c0", 9), ["c0"])
+    assert ("few views", "c0") not in causes(everywhere("c0", 10), ["c0"])
+    flat = film(cameras=1, flat=True).views
+    assert ("no tilt", "c0") in causes(flat[:3], ["c0"])
+    assert ("no tilt", "c0") not in causes(flat[:2], ["c0"])
+
+
+def test_five_instants_together_are_enough() -> None:
+    later = {k: [msgspec.structs.replace(v, frame=v.frame + 12 - k) for v in everywhere("c1")] for k in (4, 5)}
+    assert causes(everywhere("c0") + later[5]) == set()
+    assert causes(everywhere("c0") + later[4]) == {("seldom together", "c0"), ("seldom together", "c1")}
+
+
+def test_a_tilt_needs_two_corners_on_two_rows_and_columns() -> None:
+    x, y = BOARD.corners_m[:, :2].T
+    depth = 1 + x + 0.5 * y
+    view = BoardView("c0", 0, SIZE, np.arange(BOARD.corners), 900 * np.column_stack([x / depth, y / depth]))
+    across = BOARD.columns - 1
+
+    def of(ids: list[int]) -> float:
+        return tilt(msgspec.structs.replace(view, ids=np.array(ids), corners_px=view.corners_px[ids]), BOARD)
+
+    assert of([0, 3, across, across + 3]) > 0.05
+    assert of([across - 2, across - 1, across, across + 1]) > 0.05
+    assert of([6, 7, 8, 6 + across, 7 + across, 8 + across]) > 0.01
+    assert of(list(range(across, 2 * across))) == 0.0  # one row
+    assert of(list(range(2, BOARD.corners, across))) == 0.0  # one column
+    assert of([0, 3, across]) == 0.0

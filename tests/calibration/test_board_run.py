@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.filmed_boards import BOARD, SIZE, film, to_first
 
-from mocapella.calibration.board_run import LATELY, BoardLook, BoardRun, BoardRunSettings
+from mocapella.calibration.board_run import LATELY, BoardLook, BoardRun, BoardRunSettings, _moved, _speed
 from mocapella.calibration.rig_report import HEADINGS, sentences, table, tape_measure
 from mocapella.errors import CalibrationError, SettingsError
 from mocapella.model.board import BoardView
@@ -167,3 +168,47 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, float], field: str
 def test_a_run_of_no_camera_is_refused() -> None:
     with pytest.raises(SettingsError, match="one or more"):
         BoardRun(BOARD, [])
+
+
+def test_what_one_camera_sees_alone_is_neither_simultaneous_nor_too_fast() -> None:
+    run = BoardRun(BOARD, ["a", "b"])
+    for k in range(3 * LATELY):
+        run.add(looks(float(k), 100.0 * k, a=0.0))
+    assert (run.report.kept, run.report.split, run.report.apart_s, run.shared) == (3 * LATELY, 0, [], 0)
+    assert "moving" not in {hint.cause for hint in run.hints()}
+
+
+def test_rounds_with_views_of_one_instant_are_shared_and_tell_the_time_between_them() -> None:
+    run = BoardRun(BOARD, ["a", "b"], settings=BoardRunSettings(tolerance_s=0.0625, most_moved_px=1000.0))
+    for k, later in enumerate((0.0, 0.0625, 0.03125, 0.0626)):
+        run.add(looks(float(k), 100.0 * k, a=0.0, b=later))
+    assert (run.shared, run.report.split) == (3, 1)
+    assert run.report.apart_s == pytest.approx([0.0, 0.0625, 0.03125])
+
+
+def test_of_two_simultaneous_rounds_of_a_board_that_holds_still_the_first_is_kept() -> None:
+    """How fast it is, and so what is simultaneous, is known from the second round on."""
+    run = BoardRun(BOARD, ["a", "b"])
+    for k, shift_px in enumerate((0.0, 1.0, 2.0)):
+        run.add(looks(float(k), shift_px, a=0.0, b=0.01))
+    assert {v.corners_px[0, 0] for v in run.views} == {CORNERS[0, 0] + 1.0}
+
+
+def test_a_motion_is_of_common_corners_in_pictures_of_one_size_and_a_speed_of_time_that_passed() -> None:
+    old, new = view("a"), view("a", 3.0)
+    assert _moved(old, new) == pytest.approx(3.0)
+    assert _moved(msgspec.structs.replace(old, ids=old.ids[:9], corners_px=CORNERS[:9]), new) == pytest.approx(3.0)
+    assert _moved(msgspec.structs.replace(old, ids=old.ids + 50), new) == np.inf
+    assert _moved(msgspec.structs.replace(old, size_px=(640, 480)), new) == np.inf
+    for later_s, speed in ((0.5, 6.0), (0.0, np.inf), (-1.0, np.inf)):
+        assert _speed(BoardLook(1.0, old), BoardLook(1.0 + later_s, new)) == pytest.approx(speed)
+    assert _speed(BoardLook(1.0, old), BoardLook(1.0, old)) == 0.0
+    assert _speed(BoardLook(1.0), BoardLook(2.0, new)) == np.inf
+
+
+def test_a_board_that_moves_too_fast_is_told_of_though_one_camera_alone_sees_it_at_times() -> None:
+    run = BoardRun(BOARD, ["a", "b"])
+    for k in range(2 * LATELY + 2):
+        run.add(looks(float(k), 500.0 * (k % 2), **({"a": 0.0, "b": 0.09} if k % 2 else {"a": 0.0})))
+        told = "moving" in {hint.cause for hint in run.hints()}
+        assert told == ((k + 1) // 2 >= LATELY)

@@ -34,3 +34,27 @@ def test_times_that_do_not_rise_and_a_tolerance_that_is_too_wide_are_refused() -
         synchronise_frames({"a": [0.0, 0.1], "b": [0.1, 0.1]})
     with pytest.raises(CalibrationError, match=r"50\.0 ms apart cannot be taken"):
         synchronise_frames({"a": [0.0, 0.1], "b": [0.0, 0.1]}, 0.05)
+
+
+def test_frames_are_of_one_instant_up_to_the_tolerance_after_its_first_and_one_of_each_camera() -> None:
+    found = synchronise_frames({"a": [0.0, 1.0], "b": [0.25, 1.2501], "c": [0.25, 1.5]}, 0.25)
+    assert found == {("a", 0): 0, ("b", 0): 0, ("c", 0): 0, ("a", 1): 1, ("b", 1): 2, ("c", 1): 2}
+
+
+def test_a_camera_with_a_single_frame_has_no_interval_and_is_matched_as_others() -> None:
+    assert synchronise_frames({"a": [0.0, 0.3, 0.6], "b": [0.35]}) == {
+        ("a", 0): 0,
+        ("a", 1): 1,
+        ("b", 0): 1,
+        ("a", 2): 2,
+    }
+    assert synchronise_frames({"a": [0.5], "b": [0.5]}) == {("a", 0): 0, ("b", 0): 0}
+    assert synchronise_frames({"a": [0.5], "b": [0.6]}) == {("a", 0): 0, ("b", 0): 1}
+
+
+def test_a_tolerance_below_half_of_the_shortest_interval_is_taken_and_the_interval_is_told() -> None:
+    times = {"a": [0.0, 0.25, 0.5], "b": [0.0, 1.0]}
+    assert len(set(synchronise_frames(times, 0.1249).values())) == 4
+    for wrong in (0.125, -0.001):
+        with pytest.raises(CalibrationError, match=r"as of one instant with one every 250\.0 ms"):
+            synchronise_frames(times, wrong)

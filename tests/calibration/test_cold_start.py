@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from support.walking_people import FRONT, KINECT_V2, MIRROR, RATE_HZ, SIDE, Sensor, Walker, errors
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.cold_start import POSTURE_S, WHICH_SIDE, WHO_IS_WHO, ColdStart, Likeliest, unwalked
+from mocapella.calibration.cold_start import MOST, POSTURE_S, WHICH_SIDE, WHO_IS_WHO, ColdStart, Likeliest, unwalked
 from mocapella.calibration.pair_calibration import WALK, PairCalibration, PairEstimate, PairSettings
 from mocapella.calibration.pair_memory import SensorTracks
 from mocapella.calibration.people import PeopleCalibration
@@ -161,3 +161,34 @@ def test_five_who_cross_place_two_sensors_in_seconds_though_their_ids_never_last
     metres, radians = errors(inverse(one) @ other, T_A_B)
     assert metres < 0.02
     assert radians < np.radians(0.6)
+
+
+def crowd(*numbers: int) -> SensorTracks:
+    tracks, states = SensorTracks.empty(len(KINECT_V2)), np.full((len(numbers), len(KINECT_V2)), 2, np.uint8)
+    tracks.add(0.0, numbers, np.ones((len(numbers), len(KINECT_V2), 3)), states, 0.2)
+    return tracks
+
+
+def test_hypotheses_are_of_the_bodies_that_both_sensors_see_now_and_known_ones_go_on() -> None:
+    cold = ColdStart(PairSettings())
+    cold.update(crowd(1, 2), crowd(5, 6), MIRROR)
+    before = dict(cold.hypotheses)
+    assert set(before) == {(a, b, swapped) for a in (1, 2) for b in (5, 6) for swapped in (False, True)}
+    assert all(one.mirrored_at_first is key[2] for key, one in before.items())
+    cold.update(crowd(2, 3), crowd(6), MIRROR)
+    assert set(cold.hypotheses) == {(a, 6, swapped) for a in (2, 3) for swapped in (False, True)}
+    assert all(cold.hypotheses[key] is before[key] for key in ((2, 6, False), (2, 6, True)))
+    cold.update(crowd(2), crowd(5), MIRROR)
+    assert set(cold.hypotheses) == {(2, 5, False), (2, 5, True)}
+    cold.update(crowd(2), crowd(), MIRROR)
+    assert cold.hypotheses == {}
+
+
+def test_hypotheses_of_a_crowd_are_bounded_and_stay_the_same() -> None:
+    cold, many = ColdStart(PairSettings()), crowd(*range(7))
+    cold.update(many, many, MIRROR)
+    first = list(cold.hypotheses)
+    assert len(first) == MOST
+    assert first[:3] == [(0, 0, False), (0, 0, True), (0, 1, False)]
+    cold.update(many, many, MIRROR)
+    assert list(cold.hypotheses) == first

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from support.walking_people import RATE_HZ, Sensor, Walker, standing_at
 
-from mocapella.calibration.floor import FloorFromFeet, floor_of_pose, mean_floor
+from mocapella.calibration.floor import (
+    BACK_SD,
+    FOOT_HEIGHT_M,
+    FOOT_SD_M,
+    FloorFromFeet,
+    floor_of_pose,
+    mean_floor,
+)
 from mocapella.calibration.floor_kernels import HEAD_SHARE
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_z
 from mocapella.model.observations import JointState
@@ -126,3 +133,53 @@ def test_several_sensors_floors_are_one() -> None:
     floor = mean_floor(floors)
     np.testing.assert_allclose(floor.up, POSES[0][:3, :3].T @ [0, 1, 0], atol=1e-9)
     np.testing.assert_allclose(floor.height, 1.4, atol=1e-9)
+
+
+def standing(points: np.ndarray, back: np.ndarray, weight: float = 1.0, back_s: float = 10.0) -> FloorFromFeet:
+    """What is known from feet at points (n, 3), each of the same weight, and from backs of one direction."""
+    xx = weight * points.T @ points
+    sums = np.r_[weight * len(points), weight * points.sum(axis=0), xx[np.triu_indices(3)]]
+    return FloorFromFeet(sums=sums, back=np.r_[back_s * back / np.linalg.norm(back), back_s])
+
+
+def test_feet_all_over_the_floor_outweigh_backs_and_their_plane_is_exact() -> None:
+    rng, up = np.random.default_rng(0), np.array([0.1, 0.95, 0.2])
+    up /= np.linalg.norm(up)
+    level = rng.uniform(-2, 2, (500, 3)) + np.array([0, 0, 3])
+    points = level - np.outer(level @ up + 1.3 - FOOT_HEIGHT_M, up)
+    floors = [standing(points, up + np.array([0.05, 0, -0.08]), 4.0, back_s).floor() for back_s in (1.0, 500.0)]
+    for floor in floors:
+        assert floor is not None
+        np.testing.assert_allclose(floor.up, up, atol=1e-3)
+        assert floor.height == pytest.approx(1.3, abs=0.003)
+    np.testing.assert_allclose(floors[0].up, floors[1].up, atol=1e-12)  # backs have one weight, however long
+
+
+def test_feet_in_one_spot_leave_the_vertical_to_the_backs_and_the_height_to_how_far_they_are() -> None:
+    up = np.array([0.0, 0.8, 0.6])
+    for spot, across in ((np.array([0.0, -2.0, -1.5]), 0.0), (np.array([3.0, -0.8, -0.6]), 3.0)):
+        floor = standing(np.tile(spot, (5, 1)), 7.0 * up).floor()
+        assert floor is not None
+        np.testing.assert_allclose(floor.up, up, atol=1e-9)
+        assert floor.height == pytest.approx(FOOT_HEIGHT_M - up @ spot)
+        assert floor.up_sd == pytest.approx(np.sqrt(2) * BACK_SD, rel=1e-3)
+        assert floor.height_sd == pytest.approx(np.hypot(FOOT_SD_M / np.sqrt(5), across * BACK_SD), rel=1e-3)
+
+
+def test_a_floor_needs_feet_that_stood_for_a_second_and_a_back() -> None:
+    feet, up = np.array([[0.3, -1.0, 2.0], [0.4, -1.0, 2.5]]), np.array([0.0, 1.0, 0.0])
+    assert standing(feet, up).floor() is not None
+    assert standing(feet, up, weight=0.999).floor() is None
+    assert standing(feet[:1], up).floor() is None
+    assert standing(feet, up, back_s=0.0).floor() is None
+
+
+def test_the_known_floor_is_renewed_whenever_feet_have_stood_for_a_twentieth_longer() -> None:
+    sensor, feet, renewed = Sensor("a", POSES[0], noise=0.003), FloorFromFeet(), [0.0]
+    for i in range(60):
+        feet.update(sensor.see({0: Walker(speed=0.0)}, i / 10), i / 10)
+        assert feet.sums[0] <= 1.05 * feet.grown
+        if feet.grown != renewed[-1]:
+            assert feet.grown > 1.05 * renewed[-1]
+            renewed.append(feet.grown)
+    assert len(renewed) > 15

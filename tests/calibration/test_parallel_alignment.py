@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocapella.calibration.parallel_alignment import align_pair
+from mocapella.calibration.parallel_alignment import PairAlignment, align_pair
 from mocapella.geometry.rigid import inverse, rigid
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.camera import Camera, PlacedCamera
@@ -72,3 +72,40 @@ def test_swapped_cameras_are_told() -> None:
     found = align_pair(*pair([0, 0, 0], (-0.075, 0, 0)))
     assert found.swapped
     assert found.advice("left", "right") == ["camera right stands to the left of camera left: exchange them"]
+
+
+@pytest.mark.parametrize("roll_deg", [-4.0, 0.5, 30.0])
+def test_a_roll_moves_the_corners_of_the_picture_most(roll_deg: float) -> None:
+    found = align_pair(*pair([0, 0, roll_deg]))
+    roll = np.radians(abs(roll_deg))
+    assert found.vertical_px == pytest.approx(319.5 * np.sin(roll) + 239.5 * (1 - np.cos(roll)), rel=1e-9)
+
+
+def test_a_yaw_moves_corners_and_the_middle_stays() -> None:
+    """A corner is as much higher as it is farther from the plane through the second camera."""
+    found, yaw = align_pair(*pair([0, 3, 0])), np.radians(3)
+    farther = np.cos(yaw) - 319.5 / 530 * np.sin(yaw)
+    assert found.vertical_px == pytest.approx(239.5 * (1 / farther - 1), rel=1e-9)
+
+
+def alignment(**values: float) -> PairAlignment:
+    level = dict.fromkeys(("turn_right_deg", "turn_down_deg", "roll_clockwise_deg", "higher_mm", "ahead_mm"), 0.0)
+    return PairAlignment(
+        **{"baseline_m": 0.1, "axes_deg": 0.0, "vertical_px": 9.0, "swapped": False, **level, **values}
+    )
+
+
+def test_a_pixel_needs_no_turning_and_a_twentieth_of_a_degree_is_told() -> None:
+    assert alignment(turn_down_deg=1.0, vertical_px=1.0).advice("a", "b") == []
+    assert alignment(turn_down_deg=1.0, vertical_px=1.001).advice("a", "b") == ["turn camera b down by 1.0°"]
+    assert alignment(turn_right_deg=-0.05).advice("a", "b") == ["turn camera b to the left by 0.1°"]
+    assert alignment(turn_right_deg=-0.049, roll_clockwise_deg=0.049).advice("a", "b") == []
+
+
+def test_a_camera_straight_above_the_other_is_not_swapped_with_it() -> None:
+    camera, unknown, below = Camera("a", (640, 480), LENS), np.full((6, 6), np.nan), np.eye(4)
+    below[1, 3] = 0.1
+    first, second = (PlacedCamera(camera, T, unknown) for T in (np.eye(4), below))
+    found = align_pair(first, second)
+    assert found.higher_mm == pytest.approx(100)
+    assert not found.swapped

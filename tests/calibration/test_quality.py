@@ -23,6 +23,9 @@ def test_it_says_what_to_do_first() -> None:
     assert pair_quality("front", "side", nothing) == "front–side: both sensors must see a person"
 
 
-@pytest.mark.parametrize(("value", "text"), [(8.2, "8 s"), (119.0, "119 s"), (600.0, "10 min"), (10_000.0, "3 h")])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(8.2, "8 s"), (119.0, "119 s"), (120.0, "2 min"), (600.0, "10 min"), (7199.0, "120 min"), (7200.0, "2 h")],
+)
 def test_long_times_are_told_in_minutes_and_hours(value: float, text: str) -> None:
     assert seconds(value) == text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,3 +140,104 @@ def test_settings_out_of_range_are_refused() -> None:
     for changed in ({"memory_s": 0.0}, {"every_s": -1.0}, {"swapped_ratio": 0.5}, {"least_points": np.nan}):
         with pytest.raises(SettingsError, match=next(iter(changed))):
             RigFitSettings(**changed)
+
+
+ROWS_S = {"left": READOUT_S, "right": 0.0}
+STRAIGHT = CameraRig(
+    {
+        name: PlacedCamera(
+            Camera(name, SIZE, LENS * [1, 1, 1, 1, 0, 1, 1, 1, 1], readout_s=ROWS_S[name]), placed.T_camera_world,
+            np.zeros((6, 6)),
+        )
+        for name, placed in PARALLEL.cameras.items()
+    }
+)  # fmt: skip
+"""Without distortion, what moves along the picture at one speed has pixels that do."""
+PLACES = np.random.default_rng(5).uniform(-0.08, 0.08, (6, 3)) * [1, 1, 0.2] + [0, 0, 0.5]
+
+
+def steady(name: str, at_s: float) -> Float64:
+    """(6, 2) pixels of markers that move steadily, each where it was when its row was read."""
+    placed, rows = STRAIGHT.cameras[name], np.zeros(6)
+    for _ in range(30):
+        moments = at_s + rows * ROWS_S[name] / (SIZE[1] - 1)
+        points = PLACES + moments[:, None] * [0.12, 0.1, 0.0]
+        px = np.asarray(project(apply(placed.T_camera_world, points), placed.camera.lens))
+        rows = px[:, 1]
+    return px
+
+
+def shown(frames: list[tuple[str, float]], s: RigFitSettings, as_name: dict[str, str] | None = None) -> RigFit:
+    fit = RigFit(STRAIGHT, 6, s)
+    for name, at_s in frames:
+        fit.update((as_name or {}).get(name, name), steady(name, at_s), at_s)
+    return fit
+
+
+IN_TURN = [(name, k / 16 + late) for k in range(16) for name, late in (("left", 0.0), ("right", 0.03125))]
+FEW = RigFitSettings(least_points=6.0, every_s=0.0, memory_s=1e5)
+
+
+def test_markers_that_move_steadily_fit_exactly_whenever_and_row_by_row_the_cameras_see_them() -> None:
+    assert shown(IN_TURN, FEW).rms_px()[0] < 1e-6
+    late = sorted(((name, at_s + 0.04 * (name == "left")) for name, at_s in IN_TURN), key=lambda frame: frame[1])
+    assert shown(late, FEW).rms_px()[0] < 1e-6
+
+
+def test_exchanged_cameras_are_far_off_unless_each_has_the_others_name() -> None:
+    fit = shown(IN_TURN, FEW)
+    other = shown(IN_TURN, FEW, {"left": "right", "right": "left"})
+    np.testing.assert_allclose(other.rms_px(), fit.rms_px(exchanged=True), rtol=0.05)
+    np.testing.assert_allclose(other.rms_px(exchanged=True), 0.0, atol=2.0)
+    assert other.rms_px()[0] > 3.0
+
+
+def test_a_frame_that_comes_twice_counts_once() -> None:
+    frames = [("left", 0.0), ("right", 0.0625), ("left", 0.0625)]
+    one, twice = (shown([*frames, *more], FEW) for more in ([], [("left", 0.0625)]))
+    np.testing.assert_array_equal(twice.rms_px(), one.rms_px())
+    assert np.isfinite(one.rms_px()).all()
+
+
+@pytest.mark.parametrize(("least", "known"), [(8.2, True), (8.3, False)])
+def test_markers_fade_to_a_part_in_e_within_the_memory_whenever_that_is(least: float, known: bool) -> None:
+    s = RigFitSettings(least_points=least, every_s=0.0, memory_s=0.0625)
+    fit = RigFit(STRAIGHT, 6, s)
+    for name, at_s in (("left", 0.0), ("right", 0.0), ("left", 0.0625), ("right", 0.0625)):
+        fit.update(name, steady(name, at_s), 100.0 + at_s)  # compared at the right one's times
+    assert np.isfinite(fit.rms_px()).all() == known
+
+
+@pytest.mark.parametrize(("least", "known"), [(6.0, True), (6.001, False)])
+def test_a_frame_is_compared_once_and_with_as_many_markers_as_are_wanted_a_pair_is_judged(
+    least: float, known: bool
+) -> None:
+    """Though the other camera goes on alone."""
+    s = RigFitSettings(least_points=least, every_s=0.0, memory_s=1e5)
+    frames = [("left", 0.0), ("right", 0.03125), *(("left", k / 16) for k in range(1, 12))]
+    assert np.isfinite(shown(frames, s).rms_px()).all() == known
+    again = [("left", 0.0), ("left", 0.0), ("right", 0.03125), ("left", 0.0625), ("left", 0.0625)]
+    assert np.isfinite(shown(again, s).rms_px()).all() == known
+
+
+@pytest.mark.parametrize(("every_s", "compared"), [(0.0625, 16), (0.0626, 8), (0.125, 8)])
+def test_a_pair_is_compared_as_often_as_is_wanted(every_s: float, compared: int) -> None:
+    frames = [(name, k / 16) for k in range(16) for name in ("left", "right")]
+    for points, known in ((compared, True), (compared + 1, False)):
+        s = RigFitSettings(least_points=6 * points - 1, every_s=every_s, memory_s=1e5)
+        assert np.isfinite(shown(frames, s).rms_px()).all() == known
+
+
+@pytest.mark.parametrize(("longest_s", "known"), [(0.0625, True), (0.0624, False)])
+def test_pixels_are_interpolated_across_gaps_up_to_the_longest(longest_s: float, known: bool) -> None:
+    s = RigFitSettings(least_points=6.0, every_s=0.0, memory_s=1e5, longest_gap_s=longest_s)
+    assert np.isfinite(shown(IN_TURN, s).rms_px()).all() == known
+
+
+def test_a_rig_that_is_off_by_the_largest_distance_still_fits() -> None:
+    fit = shown(IN_TURN, FEW, {"left": "right", "right": "left"})
+    (now,) = fit.rms_px()
+    fit.settings = replace(FEW, largest_px=float(now))
+    assert fit.problem == ""
+    fit.settings = replace(FEW, largest_px=float(np.nextafter(now, 0)))
+    assert "swapped" in fit.problem

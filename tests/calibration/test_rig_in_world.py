@@ -177,3 +177,59 @@ def test_it_goes_on_to_the_bit_from_its_memory() -> None:
 def test_settings_out_of_range_are_refused(changes: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(changes))):
         RigInWorldSettings(**changes)  # type: ignore[arg-type]
+
+
+EVERY = RigInWorldSettings(every_s=0.0625, fewest=17, again_s=0.125)
+
+
+def shown(alignment: RigAlignment, count: int, known: int = 12, hz: float = 16.0, person: int = 1) -> list[int]:
+    """The numbers of samples after which there is a new estimate of somebody who goes along."""
+    new, before = [], alignment.found
+    for k, place in enumerate(walker(count / HZ, speed=2.0)):
+        joints = np.where(np.arange(12)[:, None] < known, place, np.nan)
+        alignment.update({"a": place}, {person: joints}, k / hz)
+        if alignment.found is not before:
+            new.append(k + 1)
+            before = alignment.found
+    return new
+
+
+def test_samples_are_taken_and_estimates_made_at_their_intervals_from_the_fewest_samples_on() -> None:
+    assert shown(RigAlignment(EVERY), 24) == [17, 19, 21, 23]  # at every second sample, from the first on
+    assert shown(RigAlignment(EVERY), 40, hz=17.0) == shown(RigAlignment(EVERY), 40, hz=31.0) == [33, 37]
+
+
+def test_a_sample_has_four_joints_that_are_known_in_both() -> None:
+    assert shown(RigAlignment(EVERY), 24, known=4) != []
+    assert shown(RigAlignment(EVERY), 24, known=3) == []
+
+
+def test_a_second_call_of_one_time_does_nothing_and_an_earlier_one_begins_anew() -> None:
+    alignment = RigAlignment(EVERY)
+    shown(alignment, 24)
+    found, samples, taken_s, _ = alignment.memory()
+    assert found is not None
+    alignment.update({"a": SHAPE}, {1: SHAPE}, taken_s)
+    assert alignment.found is found
+    assert len(alignment.memory()[1]["a", 1]) == len(samples["a", 1]) == 24
+    alignment.update({"a": SHAPE}, {1: SHAPE}, float(np.nextafter(taken_s, 0)))
+    assert alignment.found is None
+    assert len(alignment.memory()[1]["a", 1]) == 1
+
+
+def test_who_is_gone_in_either_view_is_forgotten_and_the_others_are_not() -> None:
+    alignment = RigAlignment(EVERY)
+    alignment.update({"a": SHAPE, "b": SHAPE}, {1: SHAPE, 2: SHAPE}, 0.0)
+    assert set(alignment.memory()[1]) == {("a", 1), ("a", 2), ("b", 1), ("b", 2)}
+    alignment.update({"a": SHAPE}, {2: SHAPE}, 0.0625)
+    assert set(alignment.memory()[1]) == {("a", 2)}
+
+
+def test_a_body_that_goes_as_two_people_do_is_neither() -> None:
+    """Who walk side by side; without the second, it is the first."""
+    somebody = walker(6.0)
+    beside = [place + np.array([0.0, 0.0, 1.0]) for place in somebody]
+    for people, found in (({1: somebody}, True), ({1: somebody, 2: beside}, False)):
+        alignment = RigAlignment()
+        learn(alignment, {"a": somebody}, people, np.eye(4))
+        assert (alignment.found is not None) == found

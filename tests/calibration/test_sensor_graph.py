@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.calibration import graph_kernels
-from mocapella.calibration.sensor_graph import SensorPair, place_sensors
+from mocapella.calibration.sensor_graph import (
+    MOST_STEPS,
+    PlacedSensor,
+    SensorPair,
+    by_certainty,
+    components_of,
+    place_sensors,
+)
 from mocapella.calibration.time_offset import TimeOffset
 from mocapella.geometry.rigid import inverse
 from mocapella.geometry.twists import adjoint, exp_twist, log_motion
@@ -124,3 +132,59 @@ def test_the_compiled_twists_are_those_of_geometry(seed: int, angle: float) -> N
     J = rng.normal(size=(9, 6))
     np.testing.assert_allclose(graph_kernels.inverse_of_positive(J.T @ J) @ J.T @ J, np.eye(6), atol=1e-6)
     assert np.isnan(graph_kernels.inverse_of_positive(-np.eye(3))).all()
+
+
+def test_the_most_certain_pair_is_that_of_the_least_variance_of_a_point_two_and_a_half_metres_away() -> None:
+    T = truth(np.random.default_rng(0))
+
+    def of(number: int, **variances: float) -> SensorPair:
+        C = np.zeros((6, 6))
+        for name, variance in variances.items():
+            C["xyzrst".index(name), "xyzrst".index(name)] = variance
+        return msgspec.structs.replace(pair(T, "a", "b"), b=f"b{number}", covariance=C)
+
+    for way in "xyz":
+        for turn in "rst":
+            ranked = [of(0), of(1, **{turn: 0.99 / 2.5**2}), of(2, **{way: 1.0}), of(3, **{turn: 1.01 / 2.5**2})]
+            last = of(4, **dict.fromkeys("xyzrst", 1.0))
+            unsure = msgspec.structs.replace(of(5), trusted=False)
+            assert by_certainty([unsure, last, *ranked[::-1]]) == [*ranked, last, unsure]
+    assert by_certainty([]) == []
+
+
+def test_a_component_takes_its_steps_one_by_one_and_only_the_last_tells_the_covariance() -> None:
+    T, rng = truth(np.random.default_rng(1)), np.random.default_rng(2)
+    pairs = by_certainty([pair(T, *tie, rng, 0.3) for tie in ("ab", "bc", "ac")])
+    (component,) = components_of("abc", pairs)
+    assert component.steps_left == MOST_STEPS
+    component.refine()
+    assert component.steps_left == MOST_STEPS - 1
+    assert not component.covariance.any()
+    component.steps_left = 1
+    component.refine()
+    assert component.steps_left == 0
+    assert component.covariance[1:].any(axis=(1, 2)).all()
+    (alone,) = components_of("a", [])
+    assert alone.steps_left == 0
+
+
+def test_sensors_start_where_they_were_if_all_were_of_the_same_root_and_several_chains_tie_them() -> None:
+    T = truth(np.random.default_rng(3))
+    tree = [pair(T, *tie) for tie in ("ab", "bc")]
+    cycle = [*tree, pair(T, "a", "c")]
+    before = {
+        name: PlacedSensor(exp_twist(0.01 * np.arange(6) * k), np.zeros((6, 6)), None, "a", True)
+        for k, name in enumerate("abc")
+    }
+    other = {**before, "c": msgspec.structs.replace(before["c"], root="c")}
+    few = {name: before[name] for name in "ab"}
+    for pairs, known, kept in (
+        (cycle, before, True),
+        (cycle, other, False),
+        (cycle, few, False),
+        (tree, before, False),
+    ):
+        (component,) = components_of("abc", pairs, known)
+        for name, found in zip(component.names, component.T_root_sensor, strict=True):
+            expected = before[name].T_root_sensor if kept else inverse(T["a"]) @ T[name]
+            np.testing.assert_allclose(found, expected, atol=1e-9)

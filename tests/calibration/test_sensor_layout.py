@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 from test_people import ONE, two, walks
 
+from mocapella.calibration.pair_memory import COST_WEIGHT
 from mocapella.calibration.people import PeopleCalibration
-from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout, load_layout, save_layout
+from mocapella.calibration.sensor_layout import (
+    SensorLayout,
+    decode_layout,
+    encode_layout,
+    is_layout,
+    load_layout,
+    save_layout,
+)
 from mocapella.errors import InputError
 
 
@@ -39,6 +47,7 @@ def test_what_is_written_is_what_is_read(layout: SensorLayout, tmp_path: Path) -
         (lambda data: data["sensors"]["a"].update(T_world_sensor=[[1.0]]), r"sensors.a.T_world_sensor"),
         (lambda data: data["pairs"][0]["moments"].pop(), r"pairs\[0\].moments"),
         (lambda data: data["pairs"][0]["moments"].__setitem__(0, 0.0), "no weight"),
+        (lambda data: data["pairs"][0]["scalars"].__setitem__(COST_WEIGHT, 0.0), "no weight"),
         (lambda data: data["pairs"][0]["T_a_b"][3].__setitem__(3, 2.0), "no rigid motion"),
         (lambda data: data["sensors"].update({"a b/": data["sensors"]["a"]}), "a b/"),
         (lambda data: data.pop("pairs"), "is no sensor layout"),
@@ -74,3 +83,11 @@ def test_a_layout_of_places_alone_is_enough_to_begin(layout: SensorLayout) -> No
         np.linalg.norm(np.subtract(*(np.array(layout.sensors[name].T_world_sensor)[:3, 3] for name in "ab"))),
         atol=0.15,
     )
+
+
+@pytest.mark.parametrize(
+    ("data", "is_one"),
+    [(b'{"sensors": 3}', True), (b'{"version": 1, "sensors": {}}', True), (b'{"cameras": {}}', False), (b"[", False)],
+)
+def test_what_has_sensors_is_a_layout_valid_or_not(data: bytes, is_one: bool) -> None:
+    assert is_layout(data) is is_one

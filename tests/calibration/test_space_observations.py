@@ -98,7 +98,7 @@ def test_what_is_unknown_is_named_with_what_there_is() -> None:
     for count, (scene, frame) in enumerate(moved(1)):
         found.update([scene] if frame is None else [scene, frame])
         assert found.scenes == count + 1
-    with pytest.raises(InputError, match="--space is one of vr"):
+    with pytest.raises(InputError, match=r"stage.*--space is one of vr"):
         found.poses()
     with pytest.raises(SettingsError, match="--object 'wnd': there are wand"):
         found.points()

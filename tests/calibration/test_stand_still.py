@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.standing_people import HEAD, LEFT_SHOULDER, RIGHT_HAND, bodies, moved, somebody, without
 
-from mocapella.calibration.stand_still import Calibration, StandStill, StandStillSettings, standing
+from mocapella.calibration.stand_still import Calibration, StandStill, StandStillSettings, movement, standing
 from mocapella.errors import SettingsError
 from mocapella.geometry.rigid import apply
 from mocapella.model.bodies import Bodies
@@ -239,3 +239,18 @@ def test_settings_out_of_range_are_refused(wrong: dict[str, object]) -> None:
 
 def _turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+def test_a_part_may_move_by_just_as_much_as_still_is() -> None:
+    before = bodies("front", [ME])
+    now = bodies("front", [ME])
+    hand = now.topology.parts["hand_left"]
+    for array, x in ((before, 0.0), (now, 0.125)):
+        array.positions[0, hand] = [x, 1.0, 2.0]
+    assert movement(before, now, 0.125) == ""
+    assert movement(before, now, 0.1249) == "front: left hand of body 1 moved 12 cm"
+
+
+def test_no_distance_at_all_is_refused_as_still() -> None:
+    with pytest.raises(SettingsError, match="still_within_m"):
+        StandStillSettings(still_within_m=0.0)

@@ -73,7 +73,8 @@ def test_who_lies_tells_nothing(lean_deg: float) -> None:
 def test_nobody_inferred_joints_and_frames_without_duration_tell_nothing() -> None:
     seen, none = bodies(FRONT), Sensor("a", FRONT).see({}, 0.0)
     assert head_up_s(0.5, none, SensorPose(), 0.03) == 0.5
-    assert head_up_s(0.5, seen, SensorPose(), 0.0) == 0.5
+    for no_duration in (0.0, -0.03, np.nan):
+        assert head_up_s(0.5, seen, SensorPose(), no_duration) == 0.5
     assert head_up_s(0.5, seen, SensorPose(), 9.0) == pytest.approx(0.6)
     seen.states[:] = JointState.INFERRED
     assert head_up_s(0.5, seen, SensorPose(), 0.03) == 0.5
@@ -100,6 +101,14 @@ def test_only_a_floor_on_which_people_walked_refutes_a_stated_tilt(off_deg: floa
     assert refuted(stated, Floor(turn @ stated.up, 1.0, sd, 0.01)) is wanted
     assert not refuted(stated, None)
     assert np.degrees(MOST_OFF) == pytest.approx(30.0)
+
+
+def test_evidence_and_certainty_count_from_their_limits_on() -> None:
+    assert is_upside_down(-ENOUGH_S)
+    assert not is_upside_down(float(np.nextafter(-ENOUGH_S, 0)))
+    stated, lying = floor_of_pose(0.0, 1.0), np.array([1.0, 0.0, 0.0])
+    assert not refuted(stated, Floor(lying, 1.0, SURE_SD, 0.01))
+    assert refuted(stated, Floor(lying, 1.0, float(np.nextafter(SURE_SD, 0)), 0.01))
 
 
 @pytest.mark.parametrize("stated", [True, False])

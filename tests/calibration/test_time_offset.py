@@ -107,3 +107,26 @@ def test_a_clock_of_which_nothing_is_known_any_more_is_left_where_it_was() -> No
     pair.clock[:] = 0.0
     pair.follow_clock(pair.estimate())
     assert pair.scalars[at.REFERENCE_OFFSET] + pair.scalars[at.OFFSET] == 0.05
+
+
+@pytest.mark.parametrize("blocks", [3, 4, 8])
+def test_of_few_blocks_the_bound_is_a_little_too_careful(blocks: int) -> None:
+    """The scatter of a few blocks may be small by chance: the variance is what it would be of two more blocks."""
+    a, offset = 100.0, 0.02
+    g = offset * a + np.random.default_rng(blocks).normal(0, 0.5, (4000, blocks))
+    one, total = np.ones(4000), g.sum(axis=1)
+    clock = np.stack([a * blocks * one, total, a * a * blocks * one, a * total, (g**2).sum(axis=1)], axis=-1)
+    found, sd = offset_of(clock)
+    assert (sd**2).mean() / ((found - offset) ** 2).mean() == pytest.approx((blocks + 2) / blocks, rel=0.1)
+
+
+def test_a_change_of_50_ms_leaves_a_part_in_e_of_the_weight_in_either_direction() -> None:
+    clock = np.array([3.0, 0.1, 4.0, 0.2, 0.3])
+    for by in (-0.05, 0.05):
+        assert moved_clock(clock, by)[0] == pytest.approx(3.0 / np.e)
+        assert moved_clock(clock, by)[2] == pytest.approx(4.0 / np.e**2)
+    np.testing.assert_array_equal(moved_clock(clock, 0.0), clock)
+
+
+def test_a_bound_is_told_in_milliseconds() -> None:
+    assert str(TimeOffset(0.0, 0.0304, False)) == "clock offset unknown, within ± 61 ms"

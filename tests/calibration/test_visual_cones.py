@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.silhouette_pictures import pose_at, ring, silhouettes_of, somebody
 
-from mocapella.calibration.visual_cones import MEET_FROM, disagreements, meetings
+from mocapella.calibration.visual_cones import MEET_FROM, Meeting, _overlap, disagreements, meetings
 from mocapella.model.camera import CameraRig
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
@@ -90,3 +90,45 @@ def test_silhouettes_at_a_coarser_step_meet_as_well():
         for name, one in fine.items()
     }
     assert [one.overlap > 0.9 for one in meetings(coarse, RIG)] == [True] * 3
+
+
+def fan(low_deg, high_deg, turned_deg=0.0):
+    """Rays about z, whose angles are in this interval, and which also go along it."""
+    angles = np.radians(np.linspace(low_deg, high_deg, 41) + turned_deg)
+    return np.stack([np.cos(angles), np.sin(angles), np.linspace(-0.5, 0.7, 41)], axis=-1)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 90.0, 175.0, -179.0, 300.0])
+def test_an_overlap_is_the_common_part_of_two_intervals_wherever_zero_is(turned_deg):
+    for other, expected in (((0, 20), 1 / 3), ((-5, 5), 1 / 2), ((-10, 10), 1.0), ((11, 30), 0.0), ((-12, -9), 1 / 22)):
+        a, b = fan(-10, 10, turned_deg), fan(*other, turned_deg)
+        for length in (0.2, -3.0):
+            assert _overlap(a, b, np.array([0, 0, length])) == pytest.approx(expected, abs=1e-9)
+            assert _overlap(b, a, np.array([0, 0, length])) == pytest.approx(expected, abs=1e-9)
+
+
+def test_rays_nearly_all_around_have_no_interval_and_so_no_overlap():
+    baseline, narrow = np.array([0.0, 0.0, 1.0]), fan(-10, 10)
+    assert _overlap(fan(-75, 75), narrow, baseline) == pytest.approx(20 / 150)
+    for wide in (fan(-85, 85), fan(-170, 170)):
+        assert np.isnan(_overlap(wide, narrow, baseline))
+        assert np.isnan(_overlap(narrow, wide, baseline))
+
+
+def test_an_overlap_of_just_the_least_is_no_contradiction():
+    good, bad = 0.6, float(np.nextafter(0.6, 0))
+    assert disagreements([Meeting(("a", "b"), good)], 0.6) == []
+    (said,) = disagreements([Meeting(("a", "b"), bad), Meeting(("a", "c"), good), Meeting(("b", "c"), 0.9)], 0.6)
+    assert "are the videos of these cameras, in this order" in said
+    (said,) = disagreements([Meeting(("a", "b"), bad), Meeting(("a", "c"), bad), Meeting(("b", "c"), good)], 0.6)
+    assert "a and b (60%), a and c (60%)" in said
+    assert "a stands elsewhere" in said
+
+
+@pytest.mark.parametrize(("shape", "says"), [((5, 6), True), ((4, 7), False)])
+def test_a_silhouette_has_thirty_samples_at_least_and_none_on_its_outline(shape, says):
+    phi = np.zeros((20, 20), np.float32)
+    phi[5 : 5 + shape[0], 5 : 5 + shape[1]] = 1.0
+    small = Silhouette((100, 100), 1, phi)
+    (found,) = meetings({"c1": small, "c2": silhouettes_of(MESH, RIG, pose_at(MESH))["c2"]}, RIG)
+    assert np.isfinite(found.overlap) == says

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from mocapella.evaluation.arms import ArmScores, in_image, jitter, matched, score
+from mocapella.evaluation.arms import FOUND_M, MATCH_M, ArmScores, in_image, jitter, matched, score
 from mocapella.model.arms import ARM_JOINT_NAMES, ELBOW, PALM, SeenArm, SeenArms
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
@@ -175,9 +175,16 @@ def test_a_palm_ten_centimetres_away_is_another_arms() -> None:
     [
         ((0, 0, 0.7), True),
         ((0, 0, 0.04), False),
+        ((0, 0, 0.05), False),
+        ((0, 0, 0.051), True),
         ((-0.2, 0, 0.7), True),
         ((-0.21, 0, 0.7), False),
         ((0, 0.16, 0.7), False),
+        ((0, 0.14, 0.7), True),
+        ((0, -0.15, 0.7), False),
+        ((0, -0.14, 0.7), True),
+        ((0.21, 0, 0.7), False),
+        ((0.2, 0, 0.7), True),
     ],
 )
 def test_an_arm_outside_the_image_is_not_asked_for(palm: tuple[float, float, float], inside: bool) -> None:
@@ -206,3 +213,42 @@ def test_jitter_is_the_motion_about_the_mean_once_it_has_settled() -> None:
     assert still["thumb tip"] == pytest.approx(0.001, rel=1e-2)
     assert still["wrist"] == pytest.approx(0.0, abs=1e-12)
     assert all(math.isnan(value) for value in jitter(Oracle(made), made[:10]).values())
+
+
+def test_limits_of_a_match_and_of_a_found_tip_are_still_within() -> None:
+    """A tip within fifteen millimetres has its name although another one is nearer."""
+    (shot,) = shots(1)
+    true = shot.arms[0]
+    true.points[[PALM, TIPS[OCCLUDED]]] = 0.0, 0.0, 0.0
+    (arm,) = Oracle([shot]).update(np.zeros((2, 2), np.float32), 0.0).arms
+    arm.points[PALM, 0] = MATCH_M
+    assert matched(true, SeenArms((arm,))) is arm
+    true.points[PALM, 2] = arm.points[PALM, 2] = 0.7
+    arm.points[TIPS[OCCLUDED], 0], arm.points[TIPS[2]] = FOUND_M, [0.001, 0.0, 0.0]
+    found = score(Oracle([shot], lambda k, _: arm), [shot])
+    assert (found.frames, found.occluded_found, found.named) == (1, 1, 3)  # all visible ones but the other
+
+
+@pytest.mark.parametrize(("settle", "known"), [(0, True), (1, True), (2, False)])
+def test_jitter_is_known_from_two_frames_on_after_those_in_which_it_settles(settle: int, known: bool) -> None:
+    made = shots(3)
+    found = jitter(Oracle(made), made, settle=settle)
+    assert all(math.isfinite(value) == known for value in found.values())
+
+
+@pytest.mark.parametrize("unit_m", [0.001, 0.0005])
+def test_a_detector_is_given_depths_in_metres(unit_m: float) -> None:
+    given: list[np.ndarray] = []
+
+    class Keeps(Oracle):
+        def update(self, depth: np.ndarray, at_s: float) -> SeenArms:
+            given.append(depth)
+            return super().update(depth, at_s)
+
+    made = [
+        msgspec.structs.replace(shot, depth=np.full_like(shot.depth, round(0.7 / unit_m)), unit_m=unit_m)
+        for shot in shots(2)
+    ]
+    score(Keeps(made), made)
+    jitter(Keeps(made), made)
+    np.testing.assert_allclose(given, 0.7, rtol=1e-6)

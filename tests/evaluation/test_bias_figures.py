@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -16,9 +17,9 @@ from support.reference_methods import Method
 
 from mocapella.errors import InputError
 from mocapella.evaluation import bias_sessions as sessions_module
-from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, make_tracker
+from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, learn, left_out, make_tracker
 from mocapella.evaluation.fused_metrics import facing_yaw
-from mocapella.evaluation.kinectmultitrack import AsRun
+from mocapella.evaluation.kinectmultitrack import AsLogged, AsRun
 from mocapella.evaluation.study_pairs import StudySession
 from mocapella.fusion.joint_bias import TERMS, JointBiasModel, LeftOut, read_model, symmetric
 from mocapella.geometry.angles import wrap
@@ -141,3 +142,25 @@ def test_a_participant_is_scored_with_what_was_learnt_without() -> None:
     run_of_seven = AsRun(session_of(frames=30), make_tracker(model)).whole
     assert isinstance(run_of_seven.joint_bias, JointBiasModel)
     np.testing.assert_array_equal(run_of_seven.joint_bias.weights, -weights)
+
+
+def test_weights_of_each_fold_are_learnt_from_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def teach(views: list[int], _: object) -> np.ndarray:
+        return np.full((TERMS, 25, 3), float(sum(views)))
+
+    monkeypatch.setattr(sessions_module, "train", teach)
+    monkeypatch.setattr(sessions_module, "trained_on", lambda _: {"participants": [1, 2, 3]})
+    sessions: Any = [SimpleNamespace(participant=n, views=10**n) for n in (1, 2, 3, 3)]
+    model = learn(sessions, [{1}, {3, 2}])
+    assert [(of.participants, of.weights.max()) for of in model.left_out] == [((1,), 2100), ((2, 3), 10)]
+    assert model.weights.max() == 2110
+
+
+def test_rows_that_show_a_bias_are_told_with_and_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = session_of(frames=60)
+    monkeypatch.setattr(sessions_module, "AsRun", lambda study, _: AsLogged(study))
+    sessions: Any = [SimpleNamespace(study=study, plain=AsLogged(study))]
+    told = left_out(sessions, None)  # type: ignore[arg-type]
+    assert {which: set(rows) for which, rows in told.items()} == {
+        which: {*ROWS, "fused"} for which in ("without", "with")
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import msgspec
+import numpy as np
 import pytest
 
 from mocapella.errors import SettingsError
@@ -10,6 +11,7 @@ from mocapella.evaluation.condition_sessions import ALONE, APART, ConditionRun, 
 from mocapella.model import condition_texts as texts
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace
+from mocapella.sources.simulate.measured import KIND
 from mocapella.tracker.default import DefaultTracker
 
 
@@ -68,6 +70,36 @@ def test_conditions_are_counted(problem: str, stays: bool, warned: dict[str, int
     run = run_session(Saying(problem, stays=stays), session_room(ALONE, 0), 0.0, 1.0)
     assert run == ConditionRun(run.tracking_s, 30, warned, unfinished)
     assert run.conditions == sum(warned.values()) + sum(unfinished.values())
+    assert run.tracking_s == pytest.approx(2 / 30, abs=0.02)
+
+
+def test_frames_arrive_after_their_sensors_latency_until_the_motion_ends() -> None:
+    """Never tracked, a session has no time of it, and all that is unfinished is right."""
+    room, arrivals = session_room(ALONE, 0), []
+
+    class Hears(Saying):
+        def update(self, arrival: Arrival) -> Scene:
+            arrivals.append(arrival)
+            self.frames = 0
+            return super().update(arrival)
+
+    run = run_session(Hears(texts.WALK), room, room.duration_s - 0.5)
+    (latency_s,) = (sensor.latency_s for sensor in room.settings.sensors)
+    times = np.array([one.at_ns for one in arrivals]) / 1e9 - latency_s
+    assert times[0] == pytest.approx(room.duration_s - 0.5, abs=1 / 30)
+    assert times[-1] == pytest.approx(room.duration_s, abs=1 / 30)
+    assert (run.tracking_s, run.frames, run.conditions) == (np.inf, len(arrivals), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "sensors", "people"), [("walk", 3, 1), (APART, 2, 2), (ALONE, 1, 1), ("six", 4, 6), ("walk-45", 2, None)]
+)
+def test_sessions_have_their_sensors_with_the_errors_of_real_ones(name: str, sensors: int, people: int | None) -> None:
+    settings = session_room(name, 5).settings
+    assert len(settings.sensors) == sensors
+    assert people is None or len(settings.people) == people
+    assert {sensor.errors for sensor in settings.sensors} == {KIND}
+    assert settings.seed == 5
 
 
 def test_every_scene_is_a_session_and_no_other_name() -> None:

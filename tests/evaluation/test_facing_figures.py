@@ -154,6 +154,20 @@ def test_figures_count_what_they_say() -> None:
     assert follows.walk_differs_percent == pytest.approx(20.0)
 
 
+def test_who_never_walks_backward_has_no_share_of_it() -> None:
+    one = session(1)
+    found = figures([one], [one.heading], [np.where(one.task == 3, np.pi / 2, 0.0)])
+    assert np.isnan(found.backward_kept_percent)
+    assert found.against_motion_percent == 0.0
+
+
+def test_what_is_a_right_angle_off_is_not_wrong() -> None:
+    one = session(1)
+    across = np.where(one.task == 3, 0.0, np.pi / 2)
+    found = figures([one], [across], [across])
+    assert (found.against_motion_percent, found.steps_wrong_percent, found.stationary_wrong_percent) == (0, 0, 0)
+
+
 def test_everybody_is_left_out_once_and_too_many_folds_are_refused() -> None:
     sessions = [session(n, 30) for n in (3, 5, 8, 9, 9)]
     assert sorted(n for fold in split(sessions, 3) for n in fold) == [3, 5, 8, 9]

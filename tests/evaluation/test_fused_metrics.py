@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.evaluation_sessions import KINECT, body, walker
 
@@ -85,12 +85,63 @@ def test_facing_away_from_a_sensor() -> None:
     assert metrics.facing_away(frames, there) == 0.5
 
 
+def test_limits_are_still_within() -> None:
+    """Exactly at a right angle, nobody faces away; just as wide, fast or far, nothing has collapsed or turned."""
+    there = np.array([2.0, 0.0, 0.0])
+    assert metrics.facing_away(body()[None], there) == 0
+    assert metrics.facing_against_motion(body() + T60[:, None, None] * [1.0, 0, 0], T60) == 0
+    narrow = np.stack([body()] * 4)
+    width = metrics.COLLAPSED * (0.2 - -0.2)
+    narrow[0, KINECT.index("ShoulderLeft"), 0], narrow[0, KINECT.index("ShoulderRight"), 0] = width, 0.0
+    assert metrics.shoulder_collapse(narrow) == 0
+    narrow[0, KINECT.index("ShoulderLeft"), 0] -= 1e-9
+    assert metrics.shoulder_collapse(narrow) == 0.25
+    turned, within = metrics.REVERSED_BY, metrics.REVERSED_WITHIN
+    for yaw, after_s, count in (
+        (turned, within, 0), (turned + 1e-9, within, 1), (turned + 1e-9, np.nextafter(within, 1), 0)
+    ):  # fmt: skip
+        assert metrics.reversals(np.array([0.0, yaw]), np.array([0.0, after_s])) == count
+    slides = np.stack([body(), body() + np.array([0.03, 0.0, 0.04])])
+    assert metrics.foot_slide(slides, np.array([0.0, metrics.SLIDE_OVER])) == pytest.approx(0.5)
+
+
+yaws = st.floats(-3, 3)
+places = st.tuples(st.floats(-3, 3), st.floats(-1, 1), st.floats(-3, 3))
+
+
+@given(yaws, yaws, places, st.floats(0.5, 5), st.floats(-1, 1))
+def test_who_turns_by_more_than_a_right_angle_from_a_point_faces_away_wherever_both_are(
+    yaw: float, direction: float, place: tuple[float, float, float], far: float, above: float
+) -> None:
+    turned = np.cos(yaw - direction)
+    assume(abs(turned) > 1e-6)
+    towards = np.array(place) + far * np.array([np.sin(direction), above, np.cos(direction)])
+    frames = np.stack([body(yaw) + place, np.full((25, 3), np.nan)])  # the second one is not known to face away
+    assert metrics.facing_away(frames, towards) == (0.5 if turned < 0 else 0.0)
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1])
 def test_the_lag_is_how_late_a_skeleton_is(delay: float) -> None:
     at_s, path = walker(300)
     flat = path.reshape(300, -1)
     late = np.stack([np.interp(at_s - delay, at_s, column) for column in flat.T], axis=-1).reshape(path.shape)
     assert metrics.lag(late, path, at_s) == pytest.approx(delay, abs=0.006)
+    assert metrics.lag(late + np.array([0.5, 1.0, -2.0]), path, at_s) == metrics.lag(late, path, at_s)
+
+
+@pytest.mark.parametrize(("begin_s", "lasts_s", "known"), [(0.0, 0.49, False), (0.0, 0.51, True), (7.0, 0.49, False)])
+def test_half_a_second_is_long_enough_for_a_lag_of_up_to_three_tenths(
+    begin_s: float, lasts_s: float, known: bool
+) -> None:
+    at_s = begin_s + np.linspace(0, lasts_s, 17)
+    path = np.sin(9 * at_s)[:, None, None] + body()
+    assert np.isfinite(metrics.lag(path, path, at_s, most=0.3)) == known
+
+
+def test_a_skeleton_without_width_is_not_flipped() -> None:
+    """Left and right are in one place, so that swapping them changes nothing."""
+    flat = np.stack([body() * [0, 1, 0]] * 5) + np.arange(5)[:, None, None]
+    assert metrics.label_flips(flat) == 0
 
 
 def test_rising_keeps_each_time_once() -> None:

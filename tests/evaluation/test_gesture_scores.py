@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -86,3 +87,16 @@ def test_scores_add_up() -> None:
     both.add(gesture_scores(Says([""] * 45), SHOTS))
     assert both.table()["right"] == 0.5
     assert both.begun == 4
+
+
+def test_a_detector_is_given_depths_in_metres() -> None:
+    given: list[np.ndarray] = []
+
+    class Keeps(Says):
+        def update(self, depth: Any, at_s: float) -> SeenArms:
+            given.append(depth)
+            return super().update(depth, at_s)
+
+    far = msgspec.structs.replace(SHOTS[0], depth=np.full((48, 64), 1600, np.uint16), unit_m=0.0005)
+    gesture_scores(Keeps(["open"]), [far])
+    np.testing.assert_allclose(given, 0.8, rtol=1e-6)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -127,3 +130,50 @@ def test_similarity_falls_with_the_mean_distance_of_the_joints_that_both_have() 
     np.testing.assert_allclose(similarity(true, found), [[1.0, 0.75, 0.0]])
     assert similarity(true, np.full((1, 4, 3), np.nan)) == 0
     assert similarity(true, np.zeros((0, 4, 3))).shape == (1, 0)
+    np.testing.assert_allclose(similarity(true, found, zero_at=2.0), [[1.0, 0.875, 0.25]])
+
+
+def defined_hota(frames: list[IdentityFrame], alpha: float) -> float:
+    """HOTA at one α, term by term as in section 5 of the paper, of all ways to match found to true people."""
+    pairs = [
+        {(t, f): s for t, row in zip(one.true_ids, one.similarity, strict=True)
+         for f, s in zip(one.found_ids, row, strict=True)} for one in frames
+    ]  # fmt: skip
+    trues, founds = Counter(t for f in frames for t in f.true_ids), Counter(i for f in frames for i in f.found_ids)
+    loose: Counter[tuple[int, int]] = Counter()
+    for likeness in pairs:
+        for (t, f), s in likeness.items():
+            with_either = sum(other for (a, b), other in likeness.items() if a == t or b == f)
+            loose[t, f] += s / with_either if with_either else 0  # type: ignore[assignment]
+    aligned = {pair: both / (trues[pair[0]] + founds[pair[1]] - both) for pair, both in loose.items()}
+    hits: Counter[tuple[int, int]] = Counter()
+    for one, likeness in zip(frames, pairs, strict=True):
+        many, few = sorted((one.true_ids, one.found_ids), key=len, reverse=True)
+        ways = [
+            [(t, f) if many is one.true_ids else (f, t) for t, f in zip(chosen, few, strict=True)]
+            for chosen in permutations(many, len(few))
+        ]
+        best = max(ways, key=lambda way: sum(aligned[pair] * likeness[pair] for pair in way))
+        hits.update(pair for pair in best if likeness[pair] >= alpha)
+    total = sum(hits.values())
+    together = sum(n * n / (trues[t] + founds[f] - n) for (t, f), n in hits.items())
+    return float(np.sqrt(together / (sum(trues.values()) + sum(founds.values()) - total)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_hota_is_what_its_authors_define(seed: int) -> None:
+    """Of people who resemble several others, so that the match depends on who was there together for how long."""
+    random = np.random.default_rng(seed)
+    frames = []
+    for _ in range(10):
+        true, found = (np.flatnonzero(random.random(3) < 0.8) for _ in range(2))
+        s = random.uniform(0.2, 1.0, (len(true), len(found))) * np.where(true[:, None] == found, 1.0, 0.8)
+        frames.append(IdentityFrame(tuple(true.tolist()), tuple(found.tolist()), s))
+    for alpha in (0.05, 0.5, 0.7):
+        assert hota(frames, [alpha]).hota == pytest.approx(defined_hota(frames, alpha))
+
+
+def test_who_was_never_matched_is_matched_with_the_most_similar() -> None:
+    first = frame([0], [1, 2], {(0, 1): 0.6, (0, 2): 0.9})
+    assert identity_switches([first, frame([0], [2], {(0, 2): 0.9})]) == 0
+    assert identity_switches([first, frame([0], [1], {(0, 1): 0.9})]) == 1

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from mocapella.evaluation import interactions
 from mocapella.evaluation.interactions import (
     FRESH,
+    Label,
     crossings,
     distance_figures,
     identity_figures,
     label_frame,
     labels_of,
     people_as_logged,
+    people_of_run,
 )
 from mocapella.evaluation.kinectmultitrack import evaluate
 from mocapella.evaluation.study_pairs import StudySession, study_sessions
@@ -94,9 +98,44 @@ def test_where_somebody_was_long_ago_is_not_where_he_is(sessions: list[StudySess
     assert set(people_as_logged(session, last + FRESH / 2)) == {0, 1}
 
 
+@pytest.mark.parametrize(("at_s", "there"), [(0.0, True), (FRESH, True), (FRESH + 1e-6, False), (-0.2, False)])
+def test_a_row_tells_where_somebody_is_for_three_tenths_of_a_second(at_s: float, there: bool) -> None:
+    """The newest row of each sensor, and of these the mean."""
+    positions = np.zeros((3, 25, 3))
+    positions[:, 0, 0] = [9.0, 1.0, 2.0]
+    session: Any = SimpleNamespace(
+        at_s=np.array([-0.1, 0.0, 0.0]), sensor=np.array([0, 0, 1]), replay=SimpleNamespace(sensors=("a", "b")),
+        log=SimpleNamespace(person_id=np.full(3, 4), positions=positions),
+    )  # fmt: skip
+    found = people_as_logged(session, at_s)
+    assert {person: place[0] for person, place in found.items()} == ({4: 1.5} if there else {})
+
+
 def test_distances_are_of_the_pairs_mean() -> None:
     apart = np.array([[0.01, 0.03], [0.02, np.nan], [np.nan, np.nan], [0.08, 0.08]])
     assert distance_figures(apart) == pytest.approx({"median_cm": 2, "mean_cm": 4, "p95_cm": 7.4})
+
+
+@pytest.mark.parametrize("near_m", [0.25, 0.5])
+def test_somebody_is_found_up_to_a_distance_along_the_floor(monkeypatch: pytest.MonkeyPatch, near_m: float) -> None:
+    """There the similarity is one half, and at twice the distance it is 0."""
+    monkeypatch.setattr(interactions, "NEAR", near_m)
+    label = Label(0.0, {0: (1.0, 2.0), 1: (9.0, 2.0)})
+    places = np.array([[1.0, 7.0, 2.0 + off * near_m] for off in (0.0, 0.5, 1.0, 2.0, 3.0)])
+    frame = label_frame(label, dict(enumerate(places)))
+    assert frame.similarity[0] == pytest.approx([1.0, 0.75, 0.5, 0.0, 0.0])
+    for found, missed in ((places[2], 1), (places[2] + [0.0, 0.0, 1e-9], 2)):
+        assert identity_figures([label_frame(label, {5: found})])["missed"] == missed
+
+
+def test_people_of_a_run_are_where_its_newest_scene_has_them() -> None:
+    """The scene after a frame is the one of that frame's time, until the next one's."""
+    places = np.zeros((3, 2, 25, 3))
+    places[..., 0, 0] = [[1, 11], [2, np.nan], [3, 13]]
+    people = [tuple(SimpleNamespace(id=n, positions=place[n]) for n in (0, 1)) for place in places]
+    run: Any = SimpleNamespace(at_ns=np.array([10, 10.5, 11]) * 10**9, people=people)
+    for at_s, wanted in ((0.0, {0: 1, 1: 11}), (0.49, {0: 1, 1: 11}), (0.5, {0: 2}), (1.0, {0: 3, 1: 13})):
+        assert {n: place[0] for n, place in people_of_run(run, at_s).items()} == wanted
 
 
 @pytest.mark.slow

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.evaluation_sessions import log_of
+from support.evaluation_sessions import body, log_of, walker
 
 from mocapella.evaluation import labelled_views as module
-from mocapella.evaluation.facing_sessions import aligned_views
+from mocapella.evaluation.facing_sessions import AlignedViews, aligned_views
 from mocapella.evaluation.labelled_views import MIRROR, labelled_views, shoulder_yaw, signed_alpha
 from mocapella.evaluation.study_pairs import StudySession
 from mocapella.geometry.angles import wrap
+from mocapella.sources.simulate.body import JOINT
 
 
 def test_labels_that_one_sensor_swaps_for_a_moment_are_put_back() -> None:
@@ -50,3 +51,40 @@ def test_alpha_is_positive_towards_the_second_sensor(first: float, side: float) 
     toward = wrap(np.array([[first, first + 0.8 * side]] * 4))
     alpha = np.array([0.3, -0.3, 2.0, 0.0])
     np.testing.assert_array_equal(signed_alpha(alpha, toward), side * alpha)
+
+
+def raw_views(at_s: np.ndarray, task: np.ndarray, places: list[list[float]]) -> AlignedViews:
+    shape = (len(at_s), 2)
+    seen = np.zeros((*shape, 25, 3))
+    return AlignedViews(np.stack([at_s] * 2, axis=1), task, seen, seen, np.array(places), np.zeros(shape))
+
+
+@pytest.mark.parametrize("late_s", [-0.06, 0.0, 0.04])
+def test_the_second_view_is_taken_from_when_somebody_who_moves_is_nearest_in_it(late_s: float) -> None:
+    """Those who stand still do not tell; in their frames, the second view is later still."""
+    at_s, path = walker(120)
+    flat = path.reshape(120, -1)
+    stands = np.arange(120) < 60
+    shown_s = at_s - np.where(stands, 0.08, late_s)
+    late = np.stack([np.interp(shown_s, at_s, column) for column in flat.T], axis=1).reshape(path.shape)
+    task = np.where(stands, module.STATIONARY, module.WALK)
+    found = module._at_one_time(np.stack([path, late], axis=1), raw_views(at_s, task, [[0, 0, 0]] * 2))
+    np.testing.assert_array_equal(found[:, 0], path)
+    np.testing.assert_allclose(found[66:-3, 1], path[66:-3], atol=0.003)
+
+
+@pytest.mark.parametrize("size", [0.7, 1.0, 1.2])
+def test_the_own_trunk_hides_what_is_just_behind_it_from_the_front_at_any_size(size: float) -> None:
+    """A hand beside the trunk, or before it, is not hidden; from the back it is the other way round."""
+    joints = body()
+    joints[JOINT["HandLeft"]] = [0.04, 0.25, -0.3]
+    joints[JOINT["HandRight"]] = [-0.04, 0.25, 0.3]
+    joints[JOINT["ThumbLeft"]] = [0.4, 0.25, -0.3]
+    for name in ("Elbow", "Wrist", "HandTip"):
+        for side, sign in (("Left", 1), ("Right", -1)):
+            joints[JOINT[name + side]] = [sign * 0.9, 1.2, 0.0]
+    seen = size * np.stack([np.stack([joints + np.array([0.0, 0.0, 2.4])] * 2)] * 3)
+    raw = raw_views(np.arange(3.0), np.full(3, module.WALK), [[0.0, 0.25 * size, 4.8 * size], [0.0, 0.25 * size, 0.0]])
+    found = module._hidden(seen, raw)
+    for joint, hidden in (("HandLeft", [True, False]), ("HandRight", [False, True]), ("ThumbLeft", [False, False])):
+        assert found[:, :, JOINT[joint]].tolist() == [hidden] * 3

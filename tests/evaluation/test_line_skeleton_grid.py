@@ -6,6 +6,8 @@ import json
 import sys
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,8 @@ from mocapella.cli import evaluate as _evaluate  # noqa: F401 - registers the ve
 from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
 from mocapella.cli.app import app
 from mocapella.errors import EvaluationError, SettingsError
-from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, GridRow, grid_table, plot_grid, rendered_frames
+from mocapella.evaluation import line_skeleton_grid
+from mocapella.evaluation.line_skeleton_grid import GRIDS_PX, NEAR_M, GridRow, grid_table, plot_grid, rendered_frames
 from mocapella.sensing.line_skeleton import LineSkeletonSettings
 
 ROWS = (GridRow(1, 3, 3, 20.0, 25.0, 30.0, 9.0, 1.0), GridRow(10, 3, 3, 12.0, 14.0, 35.0, 20.0, 0.8))
@@ -51,6 +54,12 @@ def test_a_truth_that_is_not_known_is_not_missed() -> None:
     assert np.isnan([none.tips_found, none.tips_mm, none.arm_mm]).all()
 
 
+def test_a_tip_is_found_up_to_five_centimetres_off() -> None:
+    off = np.r_[np.zeros(3), NEAR_M, np.nextafter(NEAR_M, 1), np.inf, np.nan, np.nan]
+    row = line_skeleton_grid._row(1, [0.25], [off])
+    assert (row.tips_found, row.tips_mm, row.arms) == (pytest.approx(1 / 3), 1000 * NEAR_M, 1)
+
+
 def test_settings_reach_the_detector() -> None:
     scene = arm()
     settings = LineSkeletonSettings(least_area_px=1e6)
@@ -76,6 +85,29 @@ def test_without_matplotlib_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(SettingsError, match="matplotlib is not installed: uv sync --extra plots"):
         plot_grid(ROWS, tmp_path / "grid.png")
+
+
+def test_frames_are_evenly_over_the_periods_of_scenes_of_right_hands_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their depths are in metres."""
+
+    def scene(name: str, *, seed: int, sensor: str) -> Any:
+        hands = {"right": ["right"], "left": ["left"], "both": ["right", "left"]}[name]
+        truth = np.zeros((23, 3))
+        return SimpleNamespace(
+            meshes=[SimpleNamespace(handedness=hand) for hand in hands],
+            period_s=1.0 + seed if name == "right" else 99.0,
+            sensor=SimpleNamespace(size_px=(64, 48)),
+            lens=np.array([48.0, 48.0, 31.5, 23.5, 0, 0, 0, 0, 0]),
+            at=lambda at_s: SimpleNamespace(
+                depth=np.full((48, 64), 1400, np.uint16), unit_m=0.0005, arms=[SimpleNamespace(points=truth)], at_s=at_s
+            ),
+        )
+
+    monkeypatch.setattr(line_skeleton_grid, "load_depth_scene", scene)
+    _, frames = rendered_frames(("left", "right", "both"), (1, 3), images=2)
+    found = list(frames)
+    assert [at_s for _, _, at_s in found] == [0.5, 1.5, 1.0, 3.0]
+    np.testing.assert_allclose([depth for depth, _, _ in found], 0.7, rtol=1e-6)
 
 
 @pytest.mark.slow

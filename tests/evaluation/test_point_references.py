@@ -39,6 +39,11 @@ def test_what_is_compared() -> None:
     assert near.within_1_mm == pytest.approx(1 / 3)
 
 
+def test_a_millimetre_is_within_a_millimetre() -> None:
+    reference = np.zeros((2, 3))
+    assert agreement(np.array([[0, 0, 0.001], [0, 0, 0.00101]]), reference).within_1_mm == 0.5
+
+
 def test_a_hand_that_only_moves_does_not_vary() -> None:
     assert len(HAND_BONES) == 20
     assert HAND_BONES[4:6] == ((0, 5), (5, 6))
@@ -55,3 +60,36 @@ def test_a_file_that_is_not_caliscopes_is_refused(tmp_path: Path) -> None:
     space = SpaceTracks(("1",), np.array([0]), np.zeros(1), np.zeros((1, 1, 3)), *([np.zeros((1, 1))] * 4))
     with pytest.raises(InputError, match=r"xyz.csv: not Caliscope's points"):
         caliscope_points(tmp_path / "xyz.csv", space)
+
+
+def test_points_are_read_by_frame_and_number(tmp_path: Path) -> None:
+    """Those that are not asked for are left out, and those that the file lacks are unknown."""
+    rows = ["sync_index,point_id,x_coord,y_coord,z_coord", "7,2,1,2,3", "5,1,4,5,6", "5,9,7,8,9"]
+    (tmp_path / "xyz.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    nothing = [np.zeros((2, 2))] * 4
+    space = SpaceTracks(("1", "2"), np.array([5, 7]), np.zeros(2), np.zeros((2, 2, 3)), *nothing)
+    unknown = [np.nan] * 3
+    np.testing.assert_array_equal(
+        caliscope_points(tmp_path / "xyz.csv", space), [[[4, 5, 6], unknown], [unknown, [1, 2, 3]]]
+    )
+
+
+def test_the_landmarks_of_body_and_hands_are_compared_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are those of the sample recording; points with other numbers are far off here."""
+    landmarks = {*range(33), *range(100, 121), *range(200, 221)}
+    numbers = sorted(landmarks | {33, 80, 99, 121, 180, 199, 221})
+    reference = np.random.default_rng(0).normal(size=(3, len(numbers), 3))
+    ours = reference + np.where([number in landmarks for number in numbers], 0.0005, 5.0)[:, None] * [0, 0, 1]
+    nothing = [np.zeros((3, len(numbers)))] * 4
+    space = SpaceTracks(tuple(map(str, numbers)), np.arange(3), np.zeros(3), ours, *nothing)
+    read: list[Path] = []
+    monkeypatch.setattr(point_references, "read_image_tracks", read.extend)
+    monkeypatch.setattr(point_references, "load_camera_rig", read.append)
+    monkeypatch.setattr(point_references, "triangulate_tracks", lambda *_: (space, None))
+    monkeypatch.setattr(point_references, "caliscope_points", lambda path, _: (read.append(path), reference)[1])
+    near, _ = point_references.holistic(Path("sample"))
+    assert (near.compared, near.within_1_mm) == (3 * len(landmarks), 1.0)
+    folder = "sample/recording_1/HOLISTIC"
+    assert [str(path) for path in read] == [
+        f"{folder}/xy_HOLISTIC.csv", "sample/config.toml", f"{folder}/xyz_HOLISTIC.csv"
+    ]  # fmt: skip

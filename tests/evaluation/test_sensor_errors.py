@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -30,7 +32,7 @@ from mocapella.evaluation.sensor_error_fit import (
 from mocapella.evaluation.sensor_errors import _statement, as_simulated, measure, told_apart
 from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_log import write_study_log
-from mocapella.sources.simulate import scene_settings
+from mocapella.sources.simulate import SimulatedSensor, scene_settings
 from mocapella.sources.simulate.body import BODY, JOINT
 from mocapella.sources.simulate.measured import (
     BIAS_BINS,
@@ -164,6 +166,8 @@ def test_views_with_swapped_labels_are_nearer_mirrored() -> None:
     assert mirrored_better(body, body) == 0
     half = np.where(np.arange(4)[:, None, None] < 2, body, body[:, MIRROR])
     assert mirrored_better(body, half) == 0.5
+    assert mirrored_better(body * [0, 1, 1], body * [0, 1, 1]) == 0  # without width, swapping changes nothing
+    assert mirrored_better(body + np.array([0, 0, 5]), body) == 0
 
 
 @pytest.mark.slow
@@ -212,6 +216,32 @@ def test_simulated_facings_count_as_often_as_recorded_ones(monkeypatch: pytest.M
     assert found["90"]["stationary_jitter_mm"] == pytest.approx(1000 * white_m * np.sqrt(6 * 3), rel=0.15)
 
 
+def test_simulated_views_without_errors_but_white_noise_are_as_near_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sensors 90° apart that both see the front: what still frames shake by is no motion of those who turn.
+
+    Frames in which one of them has nobody do not count.
+    """
+
+    class Blinks(SimulatedSensor):
+        def frames(self, begin_s: float, end_s: float) -> Any:
+            for k, item in enumerate(super().frames(begin_s, end_s)):
+                seen: Any = SimpleNamespace(frame=SimpleNamespace(bodies=0), truth=item.truth)
+                yield seen if k > 12 and k % 7 == 3 + (self.name == "second") else item
+
+    monkeypatch.setattr(sensor_errors, "SimulatedSensor", Blinks)
+    turns = PersonSettings((0.8, 2.8), "route", route=("stand 0.4", "turn 260"))
+    scene = dataclasses.replace(scene_settings("walk"), people=(turns,))
+    monkeypatch.setattr(sensor_errors, "scene_settings", lambda name: scene)
+    monkeypatch.setattr(sensor_errors, "STILL_S", 0.3)
+    neither, white_m = [0.0] * 8 + [1.0] + [0.0] * 3, 0.0002
+    found = as_simulated(labels_swapped_from_behind(neither, white_m), seeds=(0,))["90"]
+    # The mean length of a normal vector in space is √(8/π) times a coordinate's; of a difference, √2 times that.
+    assert found["walk_dd_cm"] == pytest.approx(100 * white_m * np.sqrt(2 * 8 / np.pi), abs=0.011)
+    assert found["mirrored_better_percent"] == 0
+    assert found["bone_length_variation_percent"] < 1
+    assert found["stationary_jitter_mm"] == pytest.approx(1000 * white_m * np.sqrt(6 * 3), rel=0.1)
+
+
 def test_what_is_stated_of_a_session_is_what_its_views_were_made_with() -> None:
     """Somebody who stands while both views shake by 1 mm, then walks, 10 % larger and smaller by turns, 3 cm apart."""
     stands, walks = 40, 60
@@ -229,6 +259,36 @@ def test_what_is_stated_of_a_session_is_what_its_views_were_made_with() -> None:
     assert figures["bone_length_variation_percent"] == pytest.approx(10)
     assert figures["mirrored_better_percent"] == 0
     assert figures["stationary_jitter_mm"] == pytest.approx(4)  # of −1, 1 and −1 mm: the second difference
+
+
+def test_what_was_fitted_is_told_rounded_with_losses_per_minute(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shares of the splines are of their sum."""
+    known = measured_errors().data
+    view = views(np.zeros((25, BIAS_BINS, 3)), frames=12)
+    sessions = [SimpleNamespace(), SimpleNamespace()]
+    fits = {"fit_bias": known.bias_m, "fit_spread": known.sd_m, "fit_white_noise": known.white_m}
+    fits |= {
+        "fit_correlation": known.correlation,
+        "fit_shares": [3e-4, 1e-4, 0.0],
+        "fit_still_shares": [0.5, 0.25, 0.1],
+    }
+    for name, values in fits.items():
+        monkeypatch.setattr(sensor_errors, name, lambda *_, values=values: np.array(values))
+    tables = ("alpha_deg", "mirrored", "yaw_deg", "yaw_sd_deg", "mirrored_yaw_deg", "mirrored_yaw_sd_deg")
+    monkeypatch.setattr(sensor_errors, "study_sessions", lambda *_: iter(sessions))
+    monkeypatch.setattr(sensor_errors, "labelled_views", lambda session: view if session is sessions[0] else None)
+    monkeypatch.setattr(sensor_errors, "_yaw_tables", lambda views: {name: getattr(known, name) for name in tables})
+    monkeypatch.setattr(sensor_errors, "_losses", lambda _: ([0.25] * 5, 4.0))
+    monkeypatch.setattr(sensor_errors, "_joint_lost", lambda of: 0.01 * len(of))
+    monkeypatch.setattr(sensor_errors, "_statement", lambda *told: {"views": len(told[0])})
+    found = measure(tmp_path)
+    assert (found.losses_per_min, found.joint_lost, found.measured_on) == (1.25, 0.02, {"views": 1})
+    assert (found.share, found.still_share) == ([0.75, 0.25, 0.0], [0.5, 0.25, 0.1])
+    assert found.loss_s == [0.25] * 20
+    monkeypatch.setattr(sensor_errors, "_losses", lambda _: ([], 4.0))
+    assert measure(tmp_path).loss_s == []
 
 
 def test_a_folder_without_somebody_in_all_three_tasks_is_refused(tmp_path: Path) -> None:

@@ -141,6 +141,16 @@ def test_a_shifted_curve_has_its_lag(frames: int) -> None:
     assert lag_frames(np.sin((at - frames) / 9), np.sin(at / 9)) == pytest.approx(frames, abs=0.01)
 
 
+@pytest.mark.parametrize("frames", [-5, 5, 7])
+def test_the_longest_lag_that_is_tried_is_told_for_it_and_for_longer_ones(frames: int) -> None:
+    at = np.arange(120)
+    assert lag_frames(np.sin((at - frames) / 40), np.sin(at / 40), longest=5) == np.clip(frames, -5, 5)
+
+
+def test_three_frames_are_enough_for_a_lag() -> None:
+    assert lag_frames(np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0])) == pytest.approx(0)
+
+
 def test_a_lag_is_found_between_frames() -> None:
     at = np.arange(120)
     assert lag_frames(np.sin((at - 0.4) / 9), np.sin(at / 9)) == pytest.approx(0.4, abs=0.02)
@@ -246,6 +256,13 @@ def test_what_cannot_be_compared_is_refused() -> None:
         movement(fps=0.0)
     with pytest.raises(SettingsError, match="shape of angles"):
         Movement(MESH, TreePose(np.eye(4), np.zeros(len(NAMES))), 60.0)
+    with pytest.raises(SettingsError, match="shape of angles"):
+        movement(frames=0)
+    assert score(movement(frames=3), movement(frames=3)).frames == 3
+
+
+def test_limbs_that_are_no_deeper_in_each_other_than_they_are_pass_the_strictest_limit() -> None:
+    assert outcome(movement(frames=12), movement(frames=12), through_mm=0.0).problem == ""
 
 
 def test_flexion_is_that_of_the_hinge() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mocapella.evaluation.simulation import scene_room
-from mocapella.evaluation.simulation_score import ALIKE, Score, _matches
+from mocapella.evaluation.simulation_score import ALIKE, Score, _greatest, _matches, _middle
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.observations import JointState, body_frame
@@ -35,6 +35,36 @@ def test_as_many_people_are_matched_as_can_be_and_then_the_most_similar(alike: n
         likenesses = [wide[k, column] for k, column in enumerate(columns) if wide[k, column] >= ALIKE]
         best = max(best, (len(likenesses), sum(likenesses)))
     assert (len(found), sum(alike[at] for at in found)) == (best[0], pytest.approx(best[1]))
+
+
+def test_people_match_who_are_just_similar_enough() -> None:
+    assert _matches(np.array([[ALIKE]])) == [(0, 0)]
+    assert _matches(np.array([[np.nextafter(ALIKE, 0.0)]])) == []
+
+
+@pytest.mark.parametrize(("errors", "largest"), [
+    ([], (None, None)), ([None], (None, None)), ([(1.0, 4.0)], (1.0, 4.0)), ([(1.0, 4.0), None], (None, None)),
+    ([(1.0, 4.0), (3.0, 2.0)], (3.0, 4.0)),
+])  # fmt: skip
+def test_the_largest_errors_of_sensors_are_known_if_all_are(errors: Any, largest: Any) -> None:
+    assert _greatest(errors) == largest
+
+
+@pytest.mark.parametrize(("far_m", "middle_x"), [(5.9, 7.95), (6.0, 5.0), (6.1, 5.0)])
+def test_the_middle_of_the_room_is_that_of_the_people_within_reach_of_the_main_sensor(
+    far_m: float, middle_x: float
+) -> None:
+    """Or else that of everybody."""
+    T = np.eye(4)
+    T[:3, 3] = [5.0, 1.0, 0.0]
+    places = np.array([[[5.0, 1.0, 0.0]], [[5.0 + far_m, 1.0, 0.0]]])
+    main = SimpleNamespace(T_world_sensor=T, range_m=(0.5, 6.0))
+    room: Any = SimpleNamespace(
+        settings=SimpleNamespace(sensors=[main]), duration_ns=10**9, positions_at=lambda _: places
+    )
+    assert _middle(room) == pytest.approx([middle_x, 1.0, 0.0])
+    main.range_m = (0.0, 0.0)
+    assert _middle(room) == pytest.approx(places.mean(axis=(0, 1)))
 
 
 @cache

@@ -117,6 +117,26 @@ def test_participants_count_alike_however_many_pairs_and_files_they_have() -> No
     assert row["std"] == pytest.approx(0)
 
 
+def test_a_joint_that_is_never_seen_has_no_mean_and_another_that_of_its_pairs() -> None:
+    apart = np.full((2, 25), 0.02)
+    apart[:, 7] = apart[1, 9] = np.nan
+    _, means = joint_means([scored(1, apart)], repaired=True)
+    np.testing.assert_allclose(means[0, :, 3], np.where(np.arange(25) == 7, np.nan, 0.02))
+
+
+def test_differences_are_those_of_two_views_wherever_both_are() -> None:
+    one = np.random.default_rng(0).normal(size=(4, 25, 3))
+    for shift in (0.0, 5.0):
+        found = differences(np.stack([one, one + np.array([0.03, -0.04, 0.12])], axis=1) + shift)
+        np.testing.assert_allclose(found, np.tile([0.03, 0.04, 0.12, 0.13], (4, 25, 1)))
+
+
+def test_times_begin_with_the_files_first_frame() -> None:
+    at_s = StudySession(log_of(frames=12)).at_s
+    assert at_s.min() == 0
+    assert 0.3 < at_s.max() < 0.5
+
+
 def test_std_is_over_the_joints_of_the_mean_over_people() -> None:
     by_joint = np.arange(25) / 100
     row = figures([scored(1, [by_joint]), scored(2, [by_joint[::-1]])], repaired=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.marker_rays import RayState
@@ -252,6 +253,24 @@ def test_a_frame_that_comes_late_is_put_where_it_belongs() -> None:
     assert one.report.used == other.report.used
     other.update("left", given[0][1], 0.1, given[0][3])
     assert other.report.late == 1
+
+
+def test_frames_of_one_instant_are_used_in_the_order_in_which_they_come() -> None:
+    """The first camera's frame finds the thing; the second's, of the same instant, corrects it."""
+    still = moving(3)(0.3)
+    made = ObjectPoses(rig(), TAG, planes=PLANES)
+    for count, camera in enumerate(("left", "right")):
+        made.update(camera, pixels(lambda _: still, TAG, camera, 0.0), 0.05, 0.0)
+        assert (made.report.found, made.report.used) == (1, 1 + count)
+
+
+@pytest.mark.parametrize("points", [1, 4, 12])
+def test_the_gate_is_so_many_standard_deviations_above_the_mean_cost_of_right_pixels(points: int) -> None:
+    """Each point has two coordinates; the squares of so many normal numbers add up to the cost."""
+    cost = chi2(2 * points)
+    for gate_sd in (0.5, 3.0):
+        made = ObjectPoses(rig(), TAG, ObjectPoseSettings(gate_sd=gate_sd))
+        assert made._gate(points) == pytest.approx(cost.mean() + gate_sd * cost.std())
 
 
 def test_what_is_gone_is_lost_and_found_again() -> None:

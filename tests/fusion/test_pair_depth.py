@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.marker_motion import LENS, pair
@@ -76,6 +78,15 @@ def test_rows_that_differ_leave_half_of_the_difference_to_each_camera(method: st
     found = PairDepth(rig, settings_of(method), **LEFT_RIGHT).points(seen)
     assert found.used.all()
     np.testing.assert_allclose(found.residuals_px, 0.7, rtol=0.03)
+
+
+def test_settings_are_those_that_are_given_or_else_the_defaults() -> None:
+    assert PairDepth(RIG).settings == PairDepthSettings()
+    law = settings_of("parallel-fitted")
+    twice = replace(law, k_cm=2 * law.k_cm)
+    seen, rig = pixels(ahead()), ahead()
+    one, other = (PairDepth(rig, given, **LEFT_RIGHT).points(seen).points for given in (law, twice))
+    np.testing.assert_allclose(other[:, 2], 2 * one[:, 2], rtol=1e-9)  # the cameras look along z
 
 
 @pytest.mark.parametrize("method", METHODS[1:])

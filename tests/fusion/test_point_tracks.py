@@ -7,7 +7,8 @@ from support.marker_motion import LENS, hand, pair
 from mocapella.errors import InputError, SettingsError
 from mocapella.fusion.point_tracks import METHODS, TracksSettings, triangulate_tracks
 from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply
+from mocapella.geometry.rigid import apply, rigid
+from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.point_tracks import ImageTracks, match_cameras
 
 RIG = pair(readout_s=0.0, clock_s=2.0)
@@ -42,6 +43,34 @@ def test_an_unsure_detection_is_not_used_and_a_wrong_one_is_counted() -> None:
     assert np.isnan(space.residuals_px[1, 1])
     assert report.cameras["left"].seen == 13
     assert report.cameras["left"].rejected_share == 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_camera_that_is_far_wrong_is_left_out_unless_all_cameras_must_agree(method: str) -> None:
+    """The third camera stands 0.3 m above the left one."""
+    left, up = RIG.cameras["left"], rigid(np.eye(3), [0.0, 0.3, 0.0])
+    above = PlacedCamera(left.camera, left.T_camera_world @ up, left.covariance)
+    rig = CameraRig({**RIG.cameras, "above": above})
+    pixels = np.stack([project(apply(c.T_camera_world, TRUTH), LENS) for c in rig.cameras.values()], axis=1)
+    pixels[:, 1, 0] += 200.0
+    seen = ImageTracks(tuple(rig.cameras), POINTS, np.arange(3), np.zeros((3, 3)), pixels, np.ones((3, 3, 5)))
+    space, report = triangulate_tracks(seen, rig, TracksSettings(method))
+    np.testing.assert_allclose(space.positions[:, 1:], TRUTH[:, 1:], atol=1e-6)
+    if method == "linear":
+        assert np.isnan(space.positions[:, 0]).all()
+        assert report.counted["inconsistent"] == 3
+    else:
+        np.testing.assert_allclose(space.positions[:, 0], TRUTH[:, 0], atol=1e-6)
+        assert space.views.tolist() == [[2, 3, 3, 3, 3]] * 3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_detection_is_used_that_is_surer_than_the_least_confidence(method: str) -> None:
+    seen = tracks()
+    seen.confidences[0, 0, 0], seen.confidences[0, 0, 1] = 0.25, 0.26
+    space, report = triangulate_tracks(seen, RIG, TracksSettings(method, least_confidence=0.25))
+    assert np.isfinite(space.positions[0]).all(axis=-1).tolist() == [False, True, True, True, True]
+    assert (report.counted["seen"], report.cameras["left"].seen) == (14, 14)
 
 
 def test_half_as_sure_is_so_much_less_certain() -> None:

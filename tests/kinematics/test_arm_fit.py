@@ -626,11 +626,10 @@ def test_angles_are_those_of_the_hand_and_points_those_of_its_chain(side: Handed
 
 @pytest.mark.parametrize("side", SIDES)
 def test_the_palms_flesh_has_no_step_at_a_knuckle(side: Handedness) -> None:
-    """A piece from the wrist to each finger's knuckle ends where the pieces from knuckle to knuckle do."""
+    """Pieces from the wrist end at the fingers' knuckles; those across go from each of these ends to the next."""
     palm = arm_model(side).palm
-    across = palm[4:7, :6].reshape(-1, 3)
-    for end in palm[:4, 3:6]:
-        assert np.linalg.norm(across - end, axis=1).min() < 1e-12
+    ends, across = palm[:4, 3:6], palm[4:7, :6].reshape(3, 2, 3)
+    np.testing.assert_allclose(across, np.stack([ends[:-1], ends[1:]], axis=1), atol=1e-12)
 
 
 def test_relevance_is_of_the_hand_then_the_forearm_then_little() -> None:

@@ -109,6 +109,17 @@ def test_what_is_seen_too_rarely_is_named() -> None:
         measure_bones(THESIS, RIGHT, LAYOUT, hidden, phases)
 
 
+def test_a_tip_is_seen_often_enough_from_the_least_number_of_instants_on() -> None:
+    points, phases = gesture(RIGHT, np.random.default_rng(8))
+    (hook,) = np.nonzero(phases == "hook")
+    points[hook[20:], 3] = np.nan
+    wanted = BonesSettings(least_frames=20)
+    assert (measure_bones(THESIS, RIGHT, LAYOUT, points, phases, settings=wanted).hook_deg > 70).all()
+    points[hook[19], 3] = np.nan
+    with pytest.raises(InputError, match=r"ring: 19: is seen too rarely in the part 'hook'"):
+        measure_bones(THESIS, RIGHT, LAYOUT, points, phases, settings=wanted)
+
+
 def test_a_result_that_is_not_sure_is_refused() -> None:
     points, phases = gesture(RIGHT, np.random.default_rng(5))
     with pytest.raises(InputError, match=r"index: is known to .* mm only; repeat"):

@@ -16,6 +16,7 @@ from mocapella.live.camera_node import WARN_AFTER_S, CameraNodeSettings
 from mocapella.live.marker_work import MarkerWork
 from mocapella.live.stage_times import STAGES, StageTimes
 from mocapella.sensing.colour_profile import ColourProfile
+from mocapella.sensing.markers import MarkerReport
 from mocapella.sensing.tags import TagDetector, TagSettings
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture, SourceState
@@ -80,6 +81,29 @@ def test_two_markers_of_one_colour_are_said_once_and_said_to_be_gone() -> None:
     assert made.report()["markers"]["red"]["ambiguous"] > 8
     assert "ambiguous: red" in made.words()
     assert said(made, shot(), 40, 20) == ["red: well again"]
+
+
+class Counted:
+    """A detector that has counted so many images of red, blue and green markers, and red so often twice."""
+
+    def __init__(self, images: int, ambiguous: int) -> None:
+        counts, none = np.array([ambiguous, 0, 0]), np.zeros(3, np.int64)
+        self.report = MarkerReport(
+            ("red", "blue", "green"), images, 0, 0, none, counts, none, none, none, none, 1.0, 0.0, ""
+        )
+
+
+@pytest.mark.parametrize(("images", "ambiguous", "warned"), [(8, 4, False), (8, 5, True), (0, 0, False)])
+def test_a_colour_is_warned_of_that_is_twice_in_more_than_half_of_the_images(
+    images: int, ambiguous: int, warned: bool
+) -> None:
+    """Of all images at first, and then of those since the last look."""
+    made = work(colours=False)
+    for before in ((0, 0), (100, 0), (100, 100)):
+        seen = Counted(before[0] + images, before[1] + ambiguous).report
+        problems = dict(made._problems(seen, Counted(*before).report if before[0] else None))
+        assert list(problems) == (["red"] if warned else [])
+        assert not warned or problems["red"].startswith(f"red is seen twice in {100 * ambiguous / images:.0f} %")
 
 
 def test_other_light_than_the_colours_were_learnt_in_is_said() -> None:

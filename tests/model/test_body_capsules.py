@@ -156,6 +156,20 @@ def test_legs_alone_have_legs_and_what_is_no_body_has_no_limbs() -> None:
     assert depths_m(none, landmarks_at(worm(), rest(worm()))).shape == (0,)
 
 
+@pytest.mark.parametrize("marks", [("left elbow", "left wrist"), ("left wrist", "left elbow"), ("left elbow",), ()])
+def test_both_ends_of_a_limb_are_enough_for_its_capsule(marks: tuple[str, ...]) -> None:
+    bare = msgspec.structs.replace(MESH, landmarks={name: MESH.landmarks[name] for name in marks})
+    solid = capsules_of(bare)
+    if len(marks) < 2:
+        assert solid.names == ()
+        return
+    assert solid.names == ("left forearm",)
+    assert [marks[k] for k in solid.ends[0]] == ["left elbow", "left wrist"]
+    assert MESH.part_names[solid.part[0]] == "left forearm"
+    assert (solid.radii > 0).all()
+    assert solid.pairs.shape == (0, 2)
+
+
 def test_a_limb_that_no_vertex_is_next_to_is_a_line() -> None:
     above = MESH.vertices[:, 1] > np.median(MESH.vertices[:, 1]) + 0.5
     head = msgspec.structs.replace(

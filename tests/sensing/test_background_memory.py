@@ -131,6 +131,16 @@ def noisy(image: UInt8, seed: int) -> UInt8:
     return np.clip(image + np.random.default_rng(seed).normal(0, 4, image.shape), 0, 255).astype(np.uint8)
 
 
+@pytest.mark.parametrize(("noise", "lost"), [(18.0, False), (23.0, True)])
+def test_an_image_of_twice_the_first_noise_is_another_everywhere(noise: float, lost: bool) -> None:
+    """The first standard deviation is the least one, 10 grey levels."""
+    grey = np.full((HEIGHT, WIDTH, 3), 128.0)
+    memory = BackgroundMemory(1, MemorySettings(every=1))
+    memory.update(grey.astype(np.uint8), None)
+    image = np.clip(grey + np.random.default_rng(0).normal(0, noise, grey.shape), 0, 255).astype(np.uint8)
+    assert (memory.unlike(image, None) == 1.0) == lost
+
+
 def test_before_anything_is_known_nobody_can_say() -> None:
     memory = BackgroundMemory(2)
     assert np.isnan(memory.unlike(room(), None))

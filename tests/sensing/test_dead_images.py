@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocapella.sensing.dead_images import DeadImages
+from mocapella.sensing.dead_images import DARK, DeadImages
 
 RNG = np.random.default_rng(0)
 
@@ -58,3 +58,38 @@ def test_of_a_slower_camera_only_new_images_count():
 def test_images_of_a_scene_that_is_still_count():
     dead, images = DeadImages(), {"a": lively(), "b": lively()}
     assert all(dead.update(images) == {} for _ in range(6))
+
+
+def sampled(values):
+    """An image whose every 19th pixel of every 19th row has these values (rows, columns)."""
+    image = np.zeros((19 * values.shape[0] - 18, 19 * values.shape[1] - 18, 3), np.uint8)
+    image[::19, ::19] = values[..., None]
+    return image
+
+
+@pytest.mark.parametrize(("bright", "said"), [(1, "its image is black"), (2, None)])
+def test_a_hundredth_of_a_black_image_may_be_bright(bright, said):
+    values = np.full((10, 10), DARK, np.uint8)
+    values[0, :bright] = 255
+    assert DeadImages().update({"a": sampled(values)}).get("a") == said
+
+
+@pytest.mark.parametrize(("apart", "said"), [(4, None), (3, "its image is of one colour")])
+def test_an_image_of_two_grey_levels_is_uniform_if_they_are_less_than_four_apart(apart, said):
+    """The standard deviation is half of their distance."""
+    values = np.where(np.indices((10, 10)).sum(axis=0) % 2, 100, 100 + apart).astype(np.uint8)
+    assert DeadImages().update({"a": sampled(values)}).get("a") == said
+
+
+def test_an_image_of_another_size_is_not_compared():
+    dead, values = DeadImages(), RNG.integers(0, 255, (10, 10), dtype=np.uint8)
+    for rows in (10, 9, 10):
+        assert dead.update({"a": lively(), "b": sampled(values[:rows])}) == {}
+    assert list(dead.update({"a": lively(), "b": sampled(values)})) == ["b"]
+
+
+def test_a_camera_that_comes_later_changes():
+    dead, same = DeadImages(), lively()
+    dead.update({"b": same})
+    dead.update({"b": same})
+    assert list(dead.update({"b": same, "a": lively()})) == ["b"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocapella.model.silhouettes import Silhouette
-from mocapella.sensing.empty_room import EmptyRoom, MovedSince
+from mocapella.sensing.empty_room import DIFFERS, EmptyRoom, MovedSince
 
 SIZE = (80, 60)
 RNG = np.random.default_rng(0)
@@ -104,3 +104,93 @@ def test_as_many_things_are_found_as_there_are_people():
         assert found is not None
         mask = found.mask(SIZE)
         assert [x for x in (5, 60) if mask[30, x + 3]] == columns
+
+
+@pytest.mark.parametrize("channel", range(3))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_pixel_differs_if_one_channel_does_by_more_than_the_limit(channel, sign):
+    room, taken = EmptyRoom(), shape(20)
+    room.learn({"c1": np.full((60, 80, 3), 120, np.uint8)})
+    for by, share in ((DIFFERS, 0.0), (DIFFERS + 1, 1.0)):
+        image = np.full((60, 80, 3), 120, np.uint8)
+        image[..., channel] += np.uint8(sign * by % 256)
+        assert room.differs("c1", image, taken) == share
+
+
+@pytest.mark.parametrize(("wide", "high", "margin"), [(10, 20, 2), (20, 10, 1), (4, 30, 3), (6, 4, 0)])
+def test_a_tenth_of_a_bodys_height_about_it_is_not_learnt(wide, high, margin):
+    room, body = EmptyRoom(), shape(30, 15, wide, high)
+    room.learn({"c1": WALL}, {"c1": body})
+    known = room.memory()[1]["c1"]
+    near = np.zeros((60, 80), bool)
+    near[15 - margin : 15 + high + margin, 30 - margin : 30 + wide + margin] = True
+    np.testing.assert_array_equal(known, ~near)
+
+
+def test_somebody_seen_by_one_camera_hides_nothing_from_another():
+    room = EmptyRoom()
+    room.learn({"c1": WALL, "c2": WALL}, {"c1": shape(30)})
+    assert room.memory()[1]["c2"].all()
+    assert room.knows("c1")
+    assert not room.knows("c3")
+
+
+@pytest.mark.parametrize(("rows", "known"), [(15, False), (16, True)])
+def test_more_than_half_of_a_body_must_be_before_the_known_room(rows, known):
+    """Of 30 rows; what was learnt is above where somebody stood, and a margin of two rows."""
+    room = EmptyRoom()
+    room.learn({"c1": WALL}, {"c1": shape(0, y=20 + rows + 2, wide=80, high=20)})
+    assert np.isfinite(room.differs("c1", WALL, shape(20))) == known
+
+
+def test_a_silhouette_leaves_out_others_and_what_is_not_known():
+    room, image = EmptyRoom(), WALL.copy()
+    room.learn({"c1": WALL}, {"c1": shape(60, wide=8)})
+    for one in (shape(5), shape(60, wide=8)):
+        image[one.mask(SIZE)] = 20
+    found = room.silhouette("c1", image, 3)
+    assert found.mask(SIZE)[30, 10]
+    assert not found.mask(SIZE)[30, 64]
+    assert set(np.unique(found.phi)) == {-0.5, 0.5}
+    assert (found.origin_px, found.step_px, found.phi.shape) == ((0, 0), 2, (30, 40))
+    assert room.silhouette("c1", image, 3, shape(5).mask(SIZE)) is None
+
+
+def test_the_share_at_a_body_is_of_the_pixels_that_changed_and_needs_enough_of_them():
+    """Where it was and is, with a tenth of its height about it; a fifth of its area must have changed, 4 of 20 px."""
+    base, body = np.full((60, 80, 3), 120, np.uint8), shape(20, y=10, wide=20, high=40)
+    away = base.copy()
+    away[10:50, 56:76] = 250
+    near = away.copy()
+    near[10:50, 20:40] = 250
+    for image, share in ((away, 0.0), (near, 0.5)):
+        moved = MovedSince()
+        assert np.isnan(moved.at_body("c1", base, body))
+        assert moved.at_body("c1", image, body) == pytest.approx(share, abs=0.02)
+    for wide, enough in ((10, True), (4, False)):
+        some = base.copy()
+        some[10:50, 22 : 22 + wide] = 250
+        moved = MovedSince()
+        moved.at_body("c1", base, body)
+        assert np.isfinite(moved.at_body("c1", some, body)) == enough
+
+
+def test_changes_of_a_camera_without_a_body_are_at_none():
+    base, nobody = np.full((60, 80, 3), 120, np.uint8), shape(0, wide=0)
+    moved = MovedSince()
+    moved.at_body("c1", base, nobody)
+    assert np.isnan(moved.at_body("c1", base, nobody))
+    changed = base.copy()
+    changed[20:40, 20:40] = 250
+    assert moved.at_body("c1", changed, nobody) == 0.0
+
+
+def test_a_body_has_a_margin_of_its_present_height_where_it_was_and_is():
+    base, changed = np.full((60, 80, 3), 120, np.uint8), np.full((60, 80, 3), 120, np.uint8)
+    changed[8:54, 12:32] = 250  # about the body by a tenth of its height, and a little more
+    moved, body = MovedSince(), shape(16, y=12, wide=12, high=38)
+    moved.at_body("c1", base, body)
+    for now in (body, shape(60, y=12, wide=12, high=38)):
+        assert moved.at_body("c1", changed, now) == pytest.approx(1.0, abs=0.05)
+    small = shape(60, y=12, wide=12, high=8)
+    assert moved.at_body("c1", changed, small) < 0.85

@@ -19,7 +19,14 @@ from mocapella.model.observations import BodyFrame
 from mocapella.sources import k4a_libraries
 from mocapella.sources.azure_kinect import BROKEN_OF, AzureKinect, AzureKinectSettings
 from mocapella.sources.device_checks import azure_kinect
-from mocapella.sources.k4a_libraries import CALIBRATION_BYTES, JOINT, MOUNTED, PROCESSING, load_libraries
+from mocapella.sources.k4a_libraries import (
+    CALIBRATION_BYTES,
+    JOINT,
+    MOUNTED,
+    PROCESSING,
+    find_libraries,
+    load_libraries,
+)
 
 Open = Callable[..., AzureKinect]
 
@@ -254,6 +261,27 @@ def test_the_doctor_names_version_and_path_without_loading(
     [sensor, tracker] = azure_kinect()
     assert (sensor.verdict, sensor.found) == ("ok", f"1.10.0 ({tmp_path / 'libk4a.so.1.10.0'})")
     assert (tracker.verdict, tracker.found) == ("ok", f"version unknown ({tmp_path / 'libk4abt.so'})")
+
+
+def test_libraries_are_found_where_the_systems_loader_looks_too(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder that is named for Mocapella comes before the loader's, and a caller's before both."""
+    monkeypatch.delenv("MOCAPELLA_K4A", raising=False)
+    monkeypatch.setenv("LD_LIBRARY_PATH", f"/nowhere:{built}")
+    own, callers = tmp_path / "own", tmp_path / "callers"
+
+    def found(*folders: Path) -> set[Path]:
+        return {library.path.parent for library in find_libraries(folders).values() if library is not None}
+
+    assert found() == {built.resolve()}
+    for folder in (own, callers):
+        folder.mkdir()
+        for name in ("k4a", "k4abt"):
+            put(built, folder, name)
+    monkeypatch.setenv("MOCAPELLA_K4A", str(own))
+    assert found() == {own.resolve()}
+    assert found(callers) == {callers.resolve()}
 
 
 def foreign(path: Path) -> None:

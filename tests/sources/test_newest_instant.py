@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
-from mocapella.sources.newest_instant import LATEST_S, LONGEST, NEARER, NewestInstant
+from mocapella.sources.newest_instant import FEWEST, LATEST_S, LONGEST, NEARER, NewestInstant
 from mocapella.sources.picture_source import Picture
 
 PERIOD_NS = 33_000_000
@@ -296,3 +296,13 @@ def test_a_held_image_is_given_as_soon_as_it_is_as_old_as_those_of_the_late_came
     assert camera.held[0] is held
     together.take(due_s)
     assert camera.last is held
+
+
+def test_period_and_latency_are_known_after_so_few_intervals_and_no_fewer():
+    together = NewestInstant(["a"], PERIOD_NS)
+    for intervals in range(2 * FEWEST):
+        time_ns = 2 * PERIOD_NS * intervals
+        together.add("a", Picture(IMAGE, time_ns, intervals, time_ns / 1e9, 0.0))
+        known = intervals >= FEWEST
+        assert together.period_ns == (2 * PERIOD_NS if known else PERIOD_NS)
+        assert list(together.late_ns()) == (["a"] if known else [])

@@ -151,3 +151,35 @@ def test_every_type_of_the_specification_is_read() -> None:
     assert message.arguments == (5, 0.5, "hi", b"abc", -7, 2.5, True, False, None, float("inf"))
     with pytest.raises(BadOscError, match="cut off"):
         list(messages(data[:-1]))
+
+
+@pytest.mark.parametrize("rest", [0, 4, 8])
+def test_a_blob_or_a_part_of_a_bundle_may_be_as_long_as_the_rest_of_the_datagram_and_no_longer(rest: int) -> None:
+    head, data = b"/x\0\0,b\0\0", bytes(range(rest))
+    for size in range(-2, rest + 13):
+        blob = head + struct.pack(">i", size) + data
+        if 0 <= size <= rest:
+            assert list(messages(blob)) == [("/x", (data[:size],))]
+        else:
+            with pytest.raises(BadOscError, match="a blob that is longer"):
+                list(messages(blob))
+    part = encode("/x", "a" * rest)
+    for size in (-1, 0, len(part) + 1, len(part) + 4, len(part) + 20):
+        with pytest.raises(BadOscError, match="a bundle whose part is longer"):
+            list(messages(b"#bundle\0" + bytes(8) + struct.pack(">i", size) + part))
+    assert [one.arguments for one in messages(bundle(part, part))] == [("a" * rest,)] * 2
+
+
+@pytest.mark.parametrize("address", ["/mocapella/pose", "/VMC/Ext/Tra/Pos"])
+@pytest.mark.parametrize("length", [0.89, 0.92, 1.0, 1.08, 1.11])
+def test_a_quaternion_of_about_length_1_tells_the_same_rotation_at_length_1(address: str, length: float) -> None:
+    exact = np.array([0.1, -0.5, 0.7, 0.5]) / np.linalg.norm([0.1, -0.5, 0.7, 0.5])
+    (frame, source), (wanted, _) = (told(encode(address, "cup", 0, 1, 2, *(by * exact))) for by in (length, 1.0))
+    assert wanted is not None
+    if 0.9 < length < 1.1:
+        assert frame is not None
+        np.testing.assert_allclose(frame.orientations, wanted.orientations, atol=1e-6)
+        assert np.linalg.norm(frame.orientations) == pytest.approx(1.0, abs=1e-12)
+    else:
+        assert frame is None
+        assert source.report.refused == {"its quaternion is not of length 1": 1}

@@ -13,8 +13,10 @@ from mocapella.geometry.twists import log_motion
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.body_fitter import BodyFitter, FittedBody
+from mocapella.tracker.body_fitter import HALF_LIFE_S, BodyFitter, FittedBody
+from mocapella.tracker.silhouette_camera import SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
+from mocapella.tracker.surface_prior import SurfacePrior
 
 ROOM = Room()
 FRAMES = 24
@@ -210,6 +212,26 @@ def test_images_are_looked_at_anew_in_each_round_but_the_last_where_a_body_is_ye
     assert [segmented for _, segmented in (first, again)] == [rounds - 1 for rounds, _ in (first, again)]
 
 
+def test_in_a_first_frame_only_the_last_segmentation_searches_near_the_outline_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The pose to begin with is rough."""
+    near: list[bool] = []
+    segment = SilhouetteCamera.segment
+
+    def note(self: SilhouetteCamera, *given: Any, **how: Any) -> None:
+        near.append(how["near"])
+        segment(self, *given, **how)
+
+    monkeypatch.setattr(SilhouetteCamera, "segment", note)
+    room = Room(rig=ring(1, (160, 120), 150.0))
+    tracker = BodyFitter(room.mesh, room.rig, SilhouetteSettings(rounds=1, segmented=1))
+    tracker.start(squat(0), -FRAME_NS)
+    tracker.update(room.images(squat(0)), 0)
+    assert len(near) > 2
+    assert near == [False] * (len(near) - 1) + [True]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [{"left shoulder raise sidewards": 70}, {"left shoulder swing forwards": 80}])
 def test_an_arm_that_went_astray_is_looked_for(degrees: dict[str, float]) -> None:
@@ -294,6 +316,26 @@ def test_a_camera_without_an_image_is_no_matter(clean: list[FittedBody]) -> None
     assert np.median(missed_mm(found, 0)) < 15
 
 
+def test_a_motion_goes_on_as_it_was_for_a_frame_and_then_loses_half_its_speed_each_half_life() -> None:
+    tracker, slow_m, slow_degrees = BodyFitter(ROOM.mesh, ROOM.rig), 0.01, 0.2
+    elbow = ROOM.mesh.joint_names.index("left elbow flexion")
+    past = [bent(ROOM.mesh, {"left elbow flexion": 30 + k * slow_degrees}, (k * slow_m, 0.0, 0.0)) for k in range(2)]
+    tracker._past = [(k * FRAME_NS, pose) for k, pose in enumerate(past)]
+
+    def gone(later_s: float) -> tuple[float, float]:
+        """Motion since the last pose, of the root and an elbow, as multiples of that of the frame before."""
+        pose = tracker.expected(FRAME_NS + round(later_s * 1e9))
+        angle = np.degrees(pose.angles[elbow] - past[1].angles[elbow])
+        return (pose.T_world_model[0, 3] - slow_m) / slow_m, angle / slow_degrees
+
+    frame_s = FRAME_NS / 1e9
+    for share in (0.0, 0.25, 1.0):
+        assert gone(share * frame_s) == pytest.approx((share, share), abs=1e-6)
+    speeds = [np.subtract(gone(frame_s + n * HALF_LIFE_S + 1e-4), gone(frame_s + n * HALF_LIFE_S)) for n in range(4)]
+    for n, speed in enumerate(speeds):
+        assert speed == pytest.approx(np.full(2, 0.5**n * 1e-4 / frame_s), rel=1e-3)
+
+
 def test_a_body_that_nobody_sees_goes_on_as_it_did() -> None:
     tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     follow(tracker, 6)
@@ -302,6 +344,24 @@ def test_a_body_that_nobody_sees_goes_on_as_it_did() -> None:
     assert found.seen == {}
     assert np.abs(log_motion(np.linalg.inv(expected.T_world_model) @ found.pose.T_world_model)).max() < 1e-6
     assert np.abs(found.pose.angles - expected.angles).max() < 0.02
+
+
+@pytest.mark.parametrize(("before_s", "since_s"), [(0.02, 0.02), (0.02, 0.1), (0.1, 0.02)])
+def test_a_deviation_from_the_prediction_counts_as_the_acceleration_that_it_is(
+    monkeypatch: pytest.MonkeyPatch, before_s: float, since_s: float
+) -> None:
+    """Of a fall, and in whatever intervals frames come."""
+    given: list[tuple[float, float]] = []
+    monkeypatch.setattr(SurfacePrior, "expect", lambda _self, _at, since_s, per_s2: given.append((since_s, per_s2)))
+    tracker, pose, last_ns = BodyFitter(ROOM.mesh, ROOM.rig), squat(0), round(before_s * 1e9)
+    tracker.start(pose, 0)
+    tracker._past = [(0, pose), (last_ns, pose)]
+    tracker._priors(pose, last_ns + round(since_s * 1e9))
+    fall_m = [0.5 * 9.81 * at_s**2 for at_s in (0.0, before_s, before_s + since_s)]
+    predicted_m = fall_m[1] + (fall_m[1] - fall_m[0]) * since_s / before_s
+    ((told_s, per_s2),) = given
+    assert told_s == pytest.approx(since_s)
+    assert per_s2 * (fall_m[2] - predicted_m) == pytest.approx(9.81)
 
 
 @pytest.mark.slow

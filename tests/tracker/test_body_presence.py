@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from support.silhouette_pictures import Room, pose_at, ring, silhouettes_of, somebody
@@ -11,7 +12,7 @@ from mocapella.kinematics.silhouette_fit import eye, see
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import FittedBody
-from mocapella.tracker.body_presence import LOST_AFTER_S, SilhouettePresence
+from mocapella.tracker.body_presence import LOST_AFTER_S, WITNESSES, SilhouettePresence
 from mocapella.tracker.silhouette_camera import SeenIn
 
 MESH, RIG = somebody(), ring(3)
@@ -81,3 +82,19 @@ def test_a_lost_body_is_searched_in_the_last_pose_that_stood_out_clearly(presenc
     assert 0.3 < np.mean(shares) < 0.75  # enough to be present, too little to be searched there
     assert not lost_after(presence, PERSON, fitted(presence, 0.2, BESIDE))
     assert presence.waiting("").fit.pose is clear
+
+
+@pytest.mark.parametrize("known", range(4))
+def test_where_enough_cameras_know_the_empty_room_a_lost_body_is_present_once_a_search_has_found_somebody(known):
+    """A fit alone is not believed there: it may be of furniture. Elsewhere there is nothing else to go by."""
+    fitters = BodiesFitter({"": MESH}, RIG)
+    fitters.start("", HERE, 0)
+    fitters.others[""] = {}
+    presence = SilhouettePresence(fitters, RIG)
+    presence.empty.learn({name: EMPTY[name] for name in list(RIG.cameras)[:known]})
+    presence.start("", HERE, 0)
+    presence.wait()
+    nobody = msgspec.structs.replace(fitted(presence, 0.1), seen={})
+    lost = [lost_after(presence, EMPTY, nobody)]
+    lost += [lost_after(presence, PERSON, fitted(presence, at)) for at in (0.2, 0.3)]
+    assert lost == [True, known >= WITNESSES, False]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from support.silhouette_pictures import pose_at, ring, somebody
@@ -9,6 +10,7 @@ from support.silhouette_pictures import pose_at, ring, somebody
 from mocapella.errors import CalibrationError, InputError, SettingsError
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
+from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.point_tracks import ImageTracks
 from mocapella.model.rigged_mesh import landmarks_at
@@ -152,3 +154,21 @@ def test_joints_in_millimetres_or_feet_are_no_persons():
 
 def test_a_start_outside_of_all_images_is_seen_by_nobody():
     assert cameras_that_see(MESH, pose_at(MESH, 40.0), RIG) == []
+
+
+@pytest.mark.parametrize("edge", [0, 1])
+def test_a_camera_sees_a_body_in_any_pixel_of_its_image_and_not_beyond_the_edge(edge):
+    """The centres of pixels are integers. Of a mesh without landmarks, the origin counts."""
+    size_px, beside = (64, 48), 1 / 64
+    lens = np.array([64.0, 64.0, 32.0, 24.0, 0, 0, 0, 0, 0])
+    rig = CameraRig({"c1": PlacedCamera(Camera("c1", size_px, lens), np.eye(4), np.full((6, 6), np.nan))})
+    bare = msgspec.structs.replace(MESH, landmarks={})
+
+    def seen(pixel):
+        pose = pose_at(MESH)
+        pose.T_world_model[:3, 3] = (*((np.array([20.0, 20.0]) - lens[2:4]) / lens[:2]), 1.0)
+        pose.T_world_model[edge, 3] = (pixel - lens[2 + edge]) / lens[edge]
+        return cameras_that_see(bare, pose, rig) == ["c1"]
+
+    first, beyond = -0.5, size_px[edge] - 0.5
+    assert [seen(pixel) for pixel in (first - beside, first, beyond - beside, beyond)] == [False, True, True, False]

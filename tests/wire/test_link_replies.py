@@ -195,6 +195,7 @@ def test_a_leaving_node_waits_no_longer_than_told(
     node.outbox.add(b"0", 0)
     node.outbox.update(FrameRequest("take", 0), 0)
     assert 25 <= farewell(node, monkeypatch, seconds=0.51) <= 26  # of 0.02 s each
+    assert farewell(node, monkeypatch, seconds=0.0) == 0
 
 
 @pytest.mark.parametrize(

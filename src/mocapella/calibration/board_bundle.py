@@ -299,14 +299,15 @@ def _covariance(problem: _Problem, bundle: Bundle, spare: float) -> tuple[float,
     r2 = (_residual(problem.corners, bundle) ** 2).sum(axis=1) / problem.sigma**2
     weight = 1.0 / (1.0 + r2 / CAUCHY**2)
     slope = weight - r2 / CAUCHY**2 * weight**2  # the mean of ψ' along and across the residual
-    independent = 0.5 * (weight**2 * r2).mean() / slope.mean() ** 2 / (1 - spare)
+    of_corner = 0.5 * (weight**2 * r2).mean() / (1 - spare)  # E[ψ²] of a coordinate
     of_view, H_view = normal.pulls
     # Disagreement of each view about its board's pose: 6 per view if all were free and errors independent.
     pull = float(np.einsum("vi,vij,vj", of_view, np.linalg.pinv(H_view, hermitian=True), of_view))
     free_views = 6 * len(of_view) - 6 * int(problem.free_boards.sum()) - int(problem.free[:, POSE].sum())
     dispersion = 1.0
     if free_views > 0:
-        dispersion = max(1.0, pull / free_views * weight.mean() / (0.5 * (weight**2 * r2).mean()))
+        dispersion = max(1.0, pull / free_views * weight.mean() / of_corner)
     free = problem.free.ravel()
-    covariance = np.where(free[:, None] & free, independent * weight.mean() * dispersion * inverse_S, 0.0)
+    variance = of_corner / slope.mean() ** 2 * weight.mean() * dispersion
+    covariance = np.where(free[:, None] & free, variance * inverse_S, 0.0)
     return float(dispersion), covariance.reshape(cameras, CAMERA, cameras, CAMERA)

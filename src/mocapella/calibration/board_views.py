@@ -81,10 +81,7 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
                 f"camera {name} sees the board in {len(views)} pictures, and a lens needs {LEAST_VIEWS} at the very "
                 "least: film the board longer, or give its lens with --rig"
             )
-        centre = (size - 1) / 2
-        f = focal_length([homography(plane[view.ids], view.corners_px) for view in views], centre)
-        f = f if 0.2 * size[0] < f < 10 * size[0] else 0.9 * size[0]
-        lens = np.array([f, f, *centre, 0, 0, 0, 0, 0])
+        lens = _first_lens(views, plane, size)
     poses = [plane_pose(plane[view.ids], _directions(view, lens)) for view in views]
     corners = stacked([(0, i, view) for i, view in enumerate(views)], board)
     free = np.zeros((1, CAMERA), dtype=bool)
@@ -95,6 +92,20 @@ def one_camera(views: Sequence[BoardView], board: Board, known: Camera | None = 
     return OneCamera(
         found.bundle.lenses[0], list(found.bundle.T_world_board), found.sigma_px, found.covariance[0, LENS, 0, LENS]
     )
+
+
+def _first_lens(views: Sequence[BoardView], plane: Float64, size: Float64) -> Float64:
+    """Return a lens (9,) without distortion to begin with: a usual one where the views leave the focal length open.
+
+    Args:
+        views: the views.
+        plane: (corners, 2) in the board's frame [m].
+        size: (2,) width and height of the images [px].
+    """
+    centre = (size - 1) / 2
+    f = focal_length([homography(plane[view.ids], view.corners_px) for view in views], centre)
+    f = f if 0.2 * size[0] < f < 10 * size[0] else 0.9 * size[0]
+    return np.array([f, f, *centre, 0, 0, 0, 0, 0])
 
 
 def _directions(view: BoardView, lens: Float64) -> Float64:

@@ -146,8 +146,9 @@ def decode_layout(data: bytes, *, file: object = None) -> SensorLayout:
         shapes = {"moments": (MOMENTS,), "scatter": (7, 7), "scalars": (at.PAIR_SCALARS,)}
         for what, shape in shapes.items():
             _array(getattr(pair, what), shape, f"{field}.{what}", file)
-        if not pair.moments[0] > 0:
-            raise InputError("has no weight", file=file, field=f"{field}.moments", value=pair.moments[0], fix=_ANEW)
+        for what, weight in (("moments", pair.moments[0]), ("scalars", pair.scalars[at.COST_WEIGHT])):
+            if not weight > 0:
+                raise InputError("has no weight", file=file, field=f"{field}.{what}", value=weight, fix=_ANEW)
     return layout
 
 

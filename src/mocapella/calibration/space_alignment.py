@@ -311,35 +311,19 @@ def _refined(
     m, centre = p.shape[1], p.mean(axis=(0, 1))
     axes = np.array([[0.0, 1.0, 0.0]]) if s.vertical else np.eye(3)
     if s.vertical:
-        R = T[:3, :3]
-        angle = math.atan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2])
-        back = T[:3, :3].T @ (centre - T[:3, 3])
-        R = exp_twist([0, 0, 0, 0, angle, 0])[:3, :3]
-        T = rigid(R, centre - R @ back)
+        T = _upright(T, centre)
     free = len(axes) + 4
     for _ in range(_ROUNDS):
-        R, b, v, known, w = track.at(t + delay)
-        on = np.einsum("kij,mj->kmi", R, lever)
-        X = (b[:, None] + on) @ T[:3, :3].T + T[:3, 3]
+        X, J, known = _expected(t, track, (T, lever, delay), centre, axes)
         r = p - X
-        J = np.zeros((*r.shape, free + 3 * m))
-        J[..., : len(axes)] = -cross_matrix(X - centre) @ axes.T
-        J[..., len(axes) : len(axes) + 3] = np.eye(3)
-        J[..., free - 1] = (v[:, None] + np.cross(w[:, None], on)) @ T[:3, :3].T
-        for j in range(m):
-            J[:, j, :, free + 3 * j : free + 3 * j + 3] = T[:3, :3] @ R
         off = np.linalg.norm(r, axis=-1)
-        scale = max(float(np.median(off[known])) / _MEDIAN_OF_CHI, 1e-7)
-        weight = np.minimum(1.0, 2.5 * scale / np.maximum(off, 1e-12)) * known[:, None] * (off < 12 * scale)
+        weight, scale = _weights(off, known)
         flat = J.reshape(-1, free + 3 * m)
         W = np.repeat(weight.ravel(), 3)
         A = (flat.T * W) @ flat
         A[np.diag_indices_from(A)] *= 1.0 + 1e-10
-        step = np.linalg.lstsq(A, flat.T @ (W * r.ravel()), rcond=1e-14)[0]
-        turn = exp_twist(np.r_[np.zeros(3), step[: len(axes)] @ axes])[:3, :3]
-        T = rigid(turn @ T[:3, :3], centre + turn @ (T[:3, 3] - centre) + step[len(axes) : len(axes) + 3])
-        delay = float(np.clip(delay + step[free - 1], -2 * s.delay_within_s - 0.1, 2 * s.delay_within_s + 0.1))
-        lever = lever + step[free:].reshape(m, 3)
+        step = np.asarray(np.linalg.lstsq(A, flat.T @ (W * r.ravel()), rcond=1e-14)[0], dtype=np.float64)
+        T, lever, delay = _stepped((T, lever, delay), step, centre, axes, s.delay_within_s)
         if np.abs(step).max() < 1e-7:
             break
     score = (flat * (W * r.ravel())[:, None]).reshape(len(t), -1, free + 3 * m).sum(axis=1)
@@ -362,6 +346,61 @@ def _refined(
         turn_rad=moved[0],
         space_m=moved[1],
     )  # fmt: skip
+
+
+def _upright(T: Float64, centre: Float64) -> Float64:
+    """Return the nearest motion that keeps y upright and brings the same point to ``centre``."""
+    R = T[:3, :3]
+    angle = math.atan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2])
+    back = R.T @ (centre - T[:3, 3])
+    R = exp_twist([0, 0, 0, 0, angle, 0])[:3, :3]
+    return np.asarray(rigid(R, centre - R @ back))
+
+
+def _expected(
+    t: Float64, track: _Track, found: tuple[Float64, Float64, float], centre: Float64, axes: Float64
+) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+    """Return the points (n, m, 3) at times (n,), their derivative by the unknowns of `_stepped`, and which are known.
+
+    ``found`` is T_world_space, lever arms and delay.
+    """
+    T, lever, delay = found
+    free = len(axes) + 4
+    R, b, v, known, w = track.at(t + delay)
+    on = np.einsum("kij,mj->kmi", R, lever)
+    X = (b[:, None] + on) @ T[:3, :3].T + T[:3, 3]
+    J = np.zeros((*X.shape, free + 3 * len(lever)))
+    J[..., : len(axes)] = -cross_matrix(X - centre) @ axes.T
+    J[..., len(axes) : len(axes) + 3] = np.eye(3)
+    J[..., free - 1] = (v[:, None] + np.cross(w[:, None], on)) @ T[:3, :3].T
+    for j in range(len(lever)):
+        J[:, j, :, free + 3 * j : free + 3 * j + 3] = T[:3, :3] @ R
+    return X, J, known
+
+
+def _stepped(
+    found: tuple[Float64, Float64, float], step: Float64, centre: Float64, axes: Float64, delay_within_s: float
+) -> tuple[Float64, Float64, float]:
+    """Return T_world_space, lever arms and delay after a step.
+
+    Its unknowns are a turn about the axes through ``centre``, a shift, the delay and the lever arms.
+    """
+    T, lever, delay = found
+    turned, shifted, levers = step[: len(axes)], step[len(axes) : len(axes) + 3], step[len(axes) + 4 :]
+    turn = exp_twist(np.r_[np.zeros(3), turned @ axes])[:3, :3]
+    T = np.asarray(rigid(turn @ T[:3, :3], centre + turn @ (T[:3, 3] - centre) + shifted))
+    farthest = 2 * delay_within_s + 0.1
+    return T, lever + levers.reshape(lever.shape), float(np.clip(delay + step[len(axes) + 3], -farthest, farthest))
+
+
+def _weights(off: Float64, known: NDArray[np.bool_]) -> tuple[Float64, float]:
+    """Return Huber's weights of points ``off`` (n, m) [m] from where they should be, and an inlier's deviation [m].
+
+    Points that are very far off, or at times (n,) that are not known, have none.
+    """
+    scale = max(float(np.median(off[known])) / _MEDIAN_OF_CHI, 1e-7)
+    weight = np.minimum(1.0, 2.5 * scale / np.maximum(off, 1e-12)) * known[:, None] * (off < 12 * scale)
+    return weight, scale
 
 
 def _shortfalls(fit: SpaceFit, s: SpaceAlignmentSettings) -> Iterator[Shortfall]:

@@ -95,7 +95,8 @@ def filmed(scene: SilhouetteScene, seconds: float | None = None) -> Film:
     check(scene.corruption is None, "corruption of a scene", scene.corruption, "None; it is given with each run")
     frames, fps = len(scene), 1.0 / float(scene.times_s[1] - scene.times_s[0])
     if seconds is not None:
-        check(seconds * fps >= 3, "seconds", seconds, f"3 frames or more, {3 / fps:.3f} s")
+        # Rounded: the rate is of differences of times, and three frames must not be less than three.
+        check(round(seconds * fps, 6) >= 3, "seconds", seconds, f"3 frames or more, {3 / fps:.3f} s")
         frames = min(frames, round(seconds * fps))
     images = [dict(zip(scene.rig.cameras, scene.images(k), strict=True)) for k in range(frames)]
     return Film(scene, images, Movement(scene.mesh, scene.poses(), fps).first(frames))

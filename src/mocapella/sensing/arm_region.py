@@ -23,6 +23,7 @@ from mocapella.steps import Steps
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -351,16 +352,14 @@ def _peaks(inner: Float64, least: float, most: float, count: int) -> list[tuple[
 def _candidate(  # noqa: PLR0911 - each rejects for its own reason
     depth: Float32, lens: Float64, centre: Float64, radius: float, s: ArmRegionSettings
 ) -> tuple[float, PalmCandidate] | None:
-    inner_m, outer_m = s.forearm_m
+    _, outer_m = s.forearm_m
     grid = grid_about(depth, lens, np.array([[*centre, outer_m, 1.0]]), s)
     if grid is None:
         return None
-    k, (height, width) = kernels(), grid.seen.shape
-    x = min(max(round(float(grid.lens[0] * centre[0] / centre[2] + grid.lens[2])), 0), width - 1)
-    y = min(max(round(float(grid.lens[1] * centre[1] / centre[2] + grid.lens[3])), 0), height - 1)
+    k, (y, x) = kernels(), _pixel(grid, centre)
     if abs(grid.seen[y, x] - centre[2]) > 0.02:
         return None
-    away = np.empty((height, width))
+    away = np.empty(grid.seen.shape)
     k.geodesic(grid.seen, grid.lens, s.jump, y, x, outer_m + 0.07, away)
     ys, xs = np.nonzero(away < np.inf)
     points, d = _points(grid, ys, xs), away[ys, xs]
@@ -370,40 +369,93 @@ def _candidate(  # noqa: PLR0911 - each rejects for its own reason
     hidden = others_edges(np.where(away < np.inf, grid.seen, -grid.seen), s)
     if hidden > s.hidden:
         return None
-    area = (points[:, 2] / grid.lens[0]) ** 2
-    # Beyond the fingers' reach there is only the forearm; if it is as wide as a body, this is not a hand.
-    beyond = (d >= inner_m) & (d < outer_m)
-    wide = float(area[beyond].sum() / (outer_m - inner_m))
+    wide = _width_beyond(d, (points[:, 2] / grid.lens[0]) ** 2, s)
     if wide > s.widest_m:
         return None
-    around = points[d < 0.05] - points[d < 0.05].mean(axis=0)
-    normal = np.linalg.svd(around, full_matrices=False)[2][2]
-    normal = -normal if normal @ centre > 0 else normal
     found = np.empty((_BRANCHES, 8))
     found = found[: k.branches(grid.seen, away, grid.lens, s.jump, s.branch_m, found)]
+    kinds = _branch_kinds(found, s)
+    if kinds is None:
+        return None
+    arm, finger = kinds
     ends, middles = _points(grid, *found[:, :2].T.astype(int)), _points(grid, *found[:, 5:7].T.astype(int))
-    long, wide_m = found[:, 2], found[:, 4]
-    # Fingers do not reach that far; a foreshortened forearm is still wider than a finger.
-    arm = long >= inner_m
-    if ((long >= inner_m + 0.02) & (found[:, 3] > 0.08) & (wide_m > s.finger_m)).sum() > 1:
-        return None  # in the middle of an arm, or of a body
-    if not arm.any():
-        arm = (wide_m > s.finger_m) & (long > 0.08) & (found[:, 3] > 0.03)
-    forearm = None
-    if arm.any():
-        which = int(np.argmax(np.where(arm, long * np.minimum(wide_m, 0.05) + (long >= inner_m + 0.02), -1.0)))
-        towards = (middles if long[which] > inner_m else ends)[which] - centre
-        forearm = towards / np.linalg.norm(towards)
-    finger = ~arm & (wide_m <= s.finger_m) & (found[:, 3] > 0.02) & (long > 0.05)
+    forearm = _forearm(found, arm, ends - centre, middles - centre, s)
     tips = ends[finger][np.argsort(-found[finger, 3], kind="stable")][:5]
     begin = np.array([0.0, 1.0, 0.0]) if forearm is None else forearm
     tips = tips[np.argsort([_turn(tip - centre, begin) for tip in tips], kind="stable")] if len(tips) else tips
     reach = d < (outer_m if forearm is not None else 0.2)
     chosen = points[reach][:: max(int(reach.sum()) // 300, 1)]
     spheres = np.ascontiguousarray(np.hstack([chosen, np.tile([0.01, 1.0], (len(chosen), 1))]))
-    score = 0.25 * len(tips) + (forearm is not None) - abs(radius - 0.038) / 0.02 - max(wide - 0.10, 0.0) / 0.05
-    score -= 3.0 * hidden + 1.0 * float(centre[2])
-    return score, PalmCandidate(centre, radius, normal, forearm, tips, spheres)
+    candidate = PalmCandidate(centre, radius, _normal(points[d < 0.05], centre), forearm, tips, spheres)
+    return _score(candidate, wide, hidden), candidate
+
+
+def _pixel(grid: Grid, point: Float64) -> tuple[int, int]:
+    """Return (row, column) of the grid's pixel nearest to where a point (3,) is seen."""
+    height, width = grid.seen.shape
+    x = min(max(round(float(grid.lens[0] * point[0] / point[2] + grid.lens[2])), 0), width - 1)
+    y = min(max(round(float(grid.lens[1] * point[1] / point[2] + grid.lens[3])), 0), height - 1)
+    return y, x
+
+
+def _width_beyond(away: Float64, area: Float64, s: ArmRegionSettings) -> float:
+    """Return the mean width of a surface where there is only the forearm, beyond the fingers' reach [m].
+
+    Args:
+        away: (n,) distances of its pixels from the palm [m].
+        area: (n,) their areas [m²].
+        s: range of distances of the forearm; if the surface is as wide there as a body, this is no hand.
+    """
+    inner_m, outer_m = s.forearm_m
+    return float(area[(away >= inner_m) & (away < outer_m)].sum() / (outer_m - inner_m))
+
+
+def _normal(around: Float64, centre: Float64) -> Float64:
+    """Return the unit normal of a surface's points (n, 3), towards the camera."""
+    normal: Float64 = np.linalg.svd(around - around.mean(axis=0), full_matrices=False)[2][2]
+    return -normal if normal @ centre > 0 else normal
+
+
+def _branch_kinds(found: Float64, s: ArmRegionSettings) -> tuple[Bool, Bool] | None:
+    """Return (n,) which branches of a surface are a forearm, and which fingers; None in the middle of an arm or body.
+
+    Args:
+        found: (n, 8) branches, as of `arm_region_kernels.branches`.
+        s: reach and width of fingers.
+    """
+    long, own, wide = found[:, 2], found[:, 3], found[:, 4]
+    # Fingers do not reach that far; a foreshortened forearm is still wider than a finger.
+    arm = long >= s.forearm_m[0]
+    if ((long >= s.forearm_m[0] + _SURELY_M) & (own > 0.08) & (wide > s.finger_m)).sum() > 1:
+        return None
+    if not arm.any():
+        arm = (wide > s.finger_m) & (long > 0.08) & (own > 0.03)
+    return arm, ~arm & (wide <= s.finger_m) & (own > 0.02) & (long > 0.05)
+
+
+def _forearm(found: Float64, arm: Bool, ends: Float64, middles: Float64, s: ArmRegionSettings) -> Float64 | None:
+    """Return the unit vector (3,) along the likeliest forearm; None without one.
+
+    Args:
+        found: (n, 8) branches, as of `arm_region_kernels.branches`.
+        arm: (n,) which of them may be the forearm.
+        ends, middles: (n, 3) from the palm to the branches' ends, and to the middles of their last 4 cm [m].
+        s: reach of the fingers.
+    """
+    if not arm.any():
+        return None
+    long, wide = found[:, 2], found[:, 4]
+    likely = long * np.minimum(wide, 0.05) + (long >= s.forearm_m[0] + _SURELY_M)
+    which = int(np.argmax(np.where(arm, likely, -1.0)))
+    towards = (middles if long[which] > s.forearm_m[0] else ends)[which]
+    return np.asarray(towards / np.linalg.norm(towards))
+
+
+def _score(of: PalmCandidate, wide_m: float, hidden: float) -> float:
+    """Return how likely a candidate is a hand, by the width of its forearm and the hidden share of its edges."""
+    score = 0.25 * len(of.tips) + (of.forearm is not None) - abs(of.radius_m - 0.038) / 0.02
+    score -= max(wide_m - 0.10, 0.0) / 0.05
+    return score - (3.0 * hidden + float(of.centre[2]))
 
 
 def _points(grid: Grid, ys: Int64, xs: Int64) -> Float64:
@@ -436,6 +488,8 @@ _NEAR_M: Final = 0.15
 _COARSER: Final = 3
 """Stride between spheres of the wide bands."""
 _BRANCHES: Final = 24
+_SURELY_M: Final = 0.02
+"""A branch that reaches so much farther than fingers is surely no finger."""
 
 
 @cache

@@ -181,7 +181,7 @@ def floor_plane(metres: Float32, camera: Camera, settings: BodyLinesSettings) ->
     low = points[points[:, 1] >= np.median(points[:, 1])]  # y is down: the floor is in the lower half
     for three in low[rng.integers(len(low), size=(_HYPOTHESES, 3))]:
         plane = _plane(three)
-        if plane is None or plane[1] > -upright:
+        if plane is None or plane[1] > -upright or plane[3] <= 0:  # the camera is above its floor: else a ceiling
             continue
         off = points @ plane[:3] + plane[3]
         count = np.count_nonzero(np.abs(off) < near)

@@ -251,7 +251,7 @@ class OscPoses:
         if not 0.9 < length < 1.1:
             self.report.refused["its quaternion is not of length 1"] += 1
             return None
-        return given[0], numbers[:3], numbers[3:] / length
+        return given[0], numbers[:3], numbers[3:]
 
     def _numbers(self, given: tuple[Any, ...]) -> Float64 | None:
         if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in given):
