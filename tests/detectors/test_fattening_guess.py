@@ -1,50 +1,97 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mocapella.detectors.fattening_guess import ALIKE, FATTENING_PX, MOST_TRIES, FatteningGuess
+from mocapella.detectors.fattening_guess import ALIKE, FATTENING_PX, MOST_VOTES, FatteningGuess
+
+COSTS = st.lists(st.floats(0.01, 1.0), max_size=3)
+
+
+def near_wall() -> np.ndarray:
+    depth = np.full((20, 20), 2.0, np.float32)
+    depth[5:15, 5:15] = 0.5
+    return depth
+
+
+def state(guess: FatteningGuess) -> tuple[int, bool, bool]:
+    return guess.px, guess.known, guess.wider
 
 
 def test_a_camera_whose_arms_fit_narrower_images_better_makes_things_wider() -> None:
     guess = FatteningGuess(-1)
-    assert (guess.px, guess.known) == (0, False)
+    assert state(guess) == (0, False, False)
     assert guess.learn([0.3, 0.28], [0.2])
-    assert (guess.px, guess.known) == (FATTENING_PX, True)
+    assert state(guess) == (FATTENING_PX, False, False)
+    for _ in range(MOST_VOTES - 1):
+        assert not guess.known
+        assert not guess.learn([0.2], [0.28, 0.3])
+    assert state(guess) == (FATTENING_PX, True, True)
 
 
-def test_an_arm_that_is_found_in_narrower_images_alone_is_enough() -> None:
+def test_an_arm_that_is_found_in_narrower_images_alone_votes_for_them() -> None:
     guess = FatteningGuess(-1)
     assert guess.learn([], [0.29])
-    assert (guess.px, guess.known) == (FATTENING_PX, True)
+    assert guess.px == FATTENING_PX
 
 
 @pytest.mark.parametrize("narrower", [[], [0.2 / ALIKE + 0.001], [0.5]])
 def test_a_camera_whose_arms_fit_narrower_images_worse_does_not(narrower: list[float]) -> None:
     guess = FatteningGuess(-1)
-    assert not guess.learn([0.2], narrower)
-    assert (guess.px, guess.known) == (0, True)
-
-
-def test_costs_that_are_alike_decide_nothing_until_there_were_enough() -> None:
-    guess = FatteningGuess(-1)
-    for _ in range(MOST_TRIES):
+    for _ in range(MOST_VOTES):
         assert not guess.known
-        assert not guess.learn([0.2], [0.19])
-    assert (guess.px, guess.known) == (0, True)
+        assert not guess.learn([0.2], narrower)
+    assert state(guess) == (0, True, False)
 
 
-def test_images_without_an_arm_say_nothing() -> None:
+@pytest.mark.parametrize(("costs", "otherwise"), [([0.2], [0.19]), ([], []), ([0.19], [0.2])])
+def test_costs_that_are_alike_say_nothing(costs: list[float], otherwise: list[float]) -> None:
     guess = FatteningGuess(-1)
-    for _ in range(2 * MOST_TRIES):
-        assert not guess.learn([], [])
-    assert not guess.known
+    for _ in range(3 * MOST_VOTES):
+        assert not guess.learn(costs, otherwise)
+    assert state(guess) == (0, False, False)
 
 
-def test_a_number_that_is_given_is_used_from_the_first_image_on() -> None:
-    near_wall = np.full((20, 20), 2.0, np.float32)
-    near_wall[5:15, 5:15] = 0.5
-    given, none = FatteningGuess(2), FatteningGuess(0)
-    assert (given.px, given.known, none.px, none.known) == (2, True, 0, True)
-    assert (given.corrected(near_wall) == 0.5).sum() == 6 * 6
-    assert none.corrected(near_wall) is near_wall
+@given(st.lists(st.tuples(COSTS, COSTS), max_size=40), st.booleans())
+def test_whatever_came_before_arms_of_either_kind_of_camera_win(
+    before: Sequence[tuple[list[float], list[float]]], wider: bool
+) -> None:
+    guess = FatteningGuess(-1)
+    for costs, otherwise in before:
+        guess.learn(costs, otherwise)
+    for _ in range(2 * MOST_VOTES):
+        as_it_is = (guess.px > 0) == wider
+        guess.learn([0.1 if as_it_is else 0.2], [0.2 if as_it_is else 0.1])
+    assert state(guess) == (FATTENING_PX if wider else 0, True, wider)
+
+
+def test_arms_are_compared_often_until_the_kind_is_known_and_seldom_then() -> None:
+    guess = FatteningGuess(-1)
+    before = sum(guess.due(k) for k in range(1000))
+    for _ in range(MOST_VOTES):
+        guess.learn([0.1], [0.2])
+    after = sum(guess.due(k) for k in range(1000))
+    assert before >= 5 * after > 0
+
+
+@pytest.mark.parametrize("px", [0, 2])
+def test_a_number_that_is_given_is_used_from_the_first_image_on(px: int) -> None:
+    guess = FatteningGuess(px)
+    assert state(guess) == (px, True, px > 0)
+    assert not guess.learn([0.3], [0.1])
+    assert not any(guess.due(k) for k in range(1000))
+    assert (guess.corrected(near_wall()) == 0.5).sum() == (10 - 2 * px) ** 2
+
+
+def test_the_other_kind_of_image_is_the_measured_one_or_a_narrower_one() -> None:
+    guess, depth = FatteningGuess(-1), near_wall()
+    assert guess.corrected(depth) is depth
+    narrower = guess.otherwise(depth)
+    assert (narrower == 0.5).sum() == (10 - 2 * FATTENING_PX) ** 2
+    guess.learn([0.3], [0.1])
+    assert guess.otherwise(depth) is depth
+    np.testing.assert_array_equal(guess.corrected(depth), narrower)

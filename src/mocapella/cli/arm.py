@@ -6,7 +6,7 @@ import csv
 import statistics
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -132,6 +132,9 @@ def arm(
     settings_file: SettingsFile = None,
     settings: Annotated[list[str] | None, set_option(NoKeys, detector_keys)] = None,
     method: RenamedMethod = None,
+    independent: Annotated[
+        bool, typer.Option("--independent", help="Detect arms anew in each image: the images are no video.")
+    ] = False,
     all_points: AllPoints = False,
     stages: Stages = None,
     table: Annotated[
@@ -158,6 +161,8 @@ def arm(
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
     options = depth_options(intrinsics, unit, rig, fps)
     _, detector_settings = read_settings(NoKeys, settings_file, settings)
+    if independent:
+        detector_settings = _independent(detector, detector_settings)
     found = []
     try:
         with interruptible(), telling_of_compiling(f"the detector {detector}"), ExitStack() as open_files:
@@ -179,6 +184,14 @@ def arm(
     write_json(json, {"detector": detector, "recordings": [run.result() for run in found]})
     for run in found:
         run.tell()
+
+
+def _independent(detector: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a detector's settings so that no image continues the one before."""
+    from mocapella.detectors import arm_detector
+
+    can = hasattr(arm_detector(detector).settings()(), "independent_s")
+    return {**settings, **({"independent_s": 0.0} if can else {})}
 
 
 def _table(stack: ExitStack, path: Path) -> Any:

@@ -10,87 +10,29 @@ New arms are detected from palm candidates, at first in the whole image, by fits
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_of
+from mocapella.detectors.arm_search import Refused, Search
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.detectors.arm_track import CameraArmTrack
-from mocapella.detectors.fattening_guess import FATTENING_PX, FatteningGuess
+from mocapella.detectors.fattening_guess import FatteningGuess
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
 from mocapella.model.arms import PALM, SeenArm, SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
-from mocapella.sensing.arm_region import Region, within
+from mocapella.sensing.arm_region import PalmCandidate, Region, within
 from mocapella.sensing.depth_foreground import DepthForeground
-from mocapella.sensing.fattening import without_fattening
 from mocapella.steps import Steps, at_once
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
-
-
-@dataclass(eq=False)
-class _Refused:
-    """A place that was searched without finding an arm.
-
-    Attributes:
-        centre: (3,) camera [m].
-        wait: number of images for which the place is skipped after the next search in vain.
-        until: number of the first image that may search it again.
-    """
-
-    centre: Float64
-    wait: int
-    until: int = 0
-
-
-class _Search:
-    """A search for further arms, spread over several images because it takes longer than one.
-
-    Attributes:
-        depth, at_s: the image that is searched.
-        whole: the same image before things were made narrower; ``depth`` itself for cameras without fattening.
-        images: (depth, time) of the images since; arms that are found are tracked through them.
-        newest: the newest of them.
-        steps: the remaining work.
-    """
-
-    steps: Steps[None]
-
-    def __init__(self, depth: Float32, at_s: float, whole: Float32 | None = None) -> None:
-        # The caller may reuse its images' memory.
-        self.depth, self.at_s = depth.copy(), at_s
-        self.whole = self.depth if whole is None or whole is depth else whole.copy()
-        self.newest = self.depth
-        self.images: list[tuple[Float32, float]] = []
-
-    def add(self, depth: Float32, at_s: float) -> None:
-        """Keep another image for catching up."""
-        self.newest = depth.copy()
-        self.images.append((self.newest, at_s))
-        if len(self.images) > _MOST_IMAGES:
-            del self.images[-2::-2]
-
-    def narrow(self, px: int) -> None:
-        """Undo the fattening of the kept images."""
-        self.depth, self.newest = without_fattening(self.depth, px), without_fattening(self.newest, px)
-        self.images = [(without_fattening(depth, px), at_s) for depth, at_s in self.images]
-
-    def go_on(self, work: float) -> bool:
-        """Do so much work [µs]; return whether any is left."""
-        done = 0
-        while done < work:
-            try:
-                done += next(self.steps)
-            except StopIteration:
-                return False
-        return True
 
 
 class KinematicArmDetector:
@@ -121,9 +63,11 @@ class KinematicArmDetector:
     def reset(self) -> None:
         """Forget all images and arms; ids begin at 0 again."""
         self._arms: list[CameraArmTrack] = []
-        self._refused: list[_Refused] = []
+        self._refused: list[Refused] = []
+        self._before: list[CameraArmTrack] = []  # arms of the last image, if this one does not continue it
+        self._at_s: float | None = None
         self._frames = self._next_id = 0
-        self._search: _Search | None = None
+        self._search: Search | None = None
         self._unfinished = False
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
         self._fattening = FatteningGuess(self.settings.fattening_px)
@@ -149,8 +93,12 @@ class KinematicArmDetector:
             )
         whole = np.ascontiguousarray(depth, dtype=np.float32)
         depth = self._fattening.corrected(whole)
+        self._before = []
+        if self._at_s is not None and at_s - self._at_s > self.settings.independent_s:
+            self._before, self._arms, self._refused, self._search = self._arms, [], [], None
+        self._at_s = at_s
         if self._search is not None:
-            self._search.add(depth, at_s)
+            self._search.add(whole, at_s)
         for arm in list(self._arms):
             if not self._follow(arm, depth, at_s):
                 self._arms.remove(arm)
@@ -161,6 +109,7 @@ class KinematicArmDetector:
             self._search = None
         elif self._search is not None and not self._search.go_on(_WORK[len(self._arms) > 1][self._reserved]):
             self._search = None
+        self._compare(whole)
         self._frames += 1
         arms = tuple(self._observed(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(arms, "" if arms else self._reason(depth))
@@ -177,10 +126,24 @@ class KinematicArmDetector:
 
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
-        most = self.settings.report if self._fattening.px else self.settings.firm
+        most = self.settings.report if self._fattening.wider else self.settings.firm
         for arm in self._arms:
             arm.believed |= arm.fitted.cost < most
         return [arm for arm in self._arms if arm.believed]
+
+    def _compare(self, whole: Float32) -> None:
+        """Compare the best arm's fit with one to the image of a camera of the other kind, from time to time."""
+        arm = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
+        if arm is None or arm.fitted.cost > self.settings.report or not self._fattening.due(self._frames):
+            return
+        pose, model = arm.fitted.pose, arm.model
+        part = self.finder.region(self._fattening.otherwise(whole), model.spheres(pose))
+        if part is None:
+            return
+        other = model.fit(pose, model.unexpected(pose), evidence_of(part, model, pose), iterations=4, loose=1.0)
+        if self._fattening.learn([arm.fitted.cost], [other.cost]):
+            for arm in self._arms:
+                arm.believed = arm.fitted.cost < self.settings.firm
 
     def _reason(self, depth: Float32) -> str:
         s = self.settings.region
@@ -280,11 +243,12 @@ class KinematicArmDetector:
             if part is not None and self._change(arm, one.side, one.fitted, part):
                 arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
 
-    def _caught_up(self, arms: list[CameraArmTrack], search: _Search) -> Steps[None]:
+    def _caught_up(self, arms: list[CameraArmTrack], search: Search) -> Steps[None]:
         """Track arms to the newest image; remove lost ones from the list."""
         while search.images and arms:
-            depth, at_s = search.images[:_STRIDE][-1]
+            whole, at_s = search.images[:_STRIDE][-1]
             del search.images[:_STRIDE]
+            depth = self._fattening.corrected(whole)
             arms[:] = [arm for arm in arms if self._follow(arm, depth, at_s)]
             yield _FOLLOWED * len(arms)
 
@@ -326,29 +290,30 @@ class KinematicArmDetector:
             return
         most, near = self._places_to_search(depth)
         if most:
-            self._search = _Search(depth, at_s, whole)
+            self._search = Search(whole, at_s)
             self._search.steps = self._further(self._search, most, near, wanted)
 
-    def _further(self, search: _Search, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
+    def _further(self, search: Search, most: int, near: Float64 | None, wanted: int) -> Steps[None]:
         """Search for up to ``wanted`` further arms at up to ``most`` places."""
-        depth = search.depth
+        guess, depth = self._fattening, self._fattening.corrected(search.depth)
         now = [place for place in self._refused if self._frames < place.until]
         hands = {arm: self._hand(arm) for arm in self._arms}
         known = [*hands.values(), *(np.array([[*place.centre, _REFUSED_M]]) for place in now)]
-        candidates = yield from self.finder.candidates(depth, _CANDIDATES, near, np.vstack(known) if known else None)
-        found, tried = yield from self.finder.all_of(
-            depth, candidates, most, self.settings.doubt, wanted, whole=search.whole
-        )
-        self._fattening.known |= any(one.cost < self.settings.firm for one in found)
-        if tried and not self._fattening.known and not self._arms:
-            narrower = without_fattening(depth, FATTENING_PX)
-            others = yield from self.finder.candidates(narrower, _CANDIDATES, near, np.vstack(known) if known else None)
-            instead = yield from self.finder.all_of(
-                narrower, others, most, self.settings.doubt, wanted, whole=search.whole
+        taken = np.vstack(known) if known else None
+
+        def searched(image: Float32) -> Steps[tuple[list[Found], list[PalmCandidate]]]:
+            candidates = yield from self.finder.candidates(image, _CANDIDATES, near, taken)
+            return (
+                yield from self.finder.all_of(image, candidates, most, self.settings.doubt, wanted, whole=search.depth)
             )
-            if self._fattening.learn([one.cost for one in found], [one.cost for one in instead[0]]):
-                (found, tried), depth = instead, narrower
-                search.narrow(FATTENING_PX)
+
+        found, tried = yield from searched(depth)
+        costs = [one.cost for one in found]
+        if tried and not self._arms and not guess.known and not any(cost < self.settings.firm for cost in costs):
+            otherwise = guess.otherwise(search.depth)
+            instead = yield from searched(otherwise)
+            if guess.learn(costs, [one.cost for one in instead[0]]):
+                (found, tried), depth = instead, otherwise
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
@@ -367,8 +332,9 @@ class KinematicArmDetector:
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)
+        newest = guess.corrected(search.newest)
         for arm in arms:
-            self._admit(arm, search.newest)
+            self._admit(arm, newest)
         for candidate in tried:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
@@ -388,8 +354,22 @@ class KinematicArmDetector:
                 return
         for other in rivals:
             self._arms.remove(other)
-        arm.id, self._next_id = self._next_id, self._next_id + 1
+        arm.id = self._id_before(arm)
         self._arms.append(arm)
+
+    def _id_before(self, arm: CameraArmTrack) -> int:
+        """Return the id that an arm had before a gap in time, if one was near; else a new one."""
+
+        def distance(other: CameraArmTrack) -> float:
+            return float(np.linalg.norm(other.fitted.pose.t - arm.fitted.pose.t))
+
+        near = [other for other in self._before if other.side == arm.side and distance(other) < _SAME_ARM_M]
+        if near:
+            same = min(near, key=distance)
+            self._before.remove(same)
+            return same.id
+        self._next_id += 1
+        return self._next_id - 1
 
     @staticmethod
     def _hand(arm: CameraArmTrack) -> Float64:
@@ -405,7 +385,7 @@ class KinematicArmDetector:
             if np.linalg.norm(place.centre - centre) < _REFUSED_M:
                 break
         else:
-            place = _Refused(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
+            place = Refused(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
             self._refused = [*self._refused[-_MOST_REFUSED:], place]
         if place.until <= self._frames:  # several candidates may lie at one place
             place.until = self._frames + place.wait
@@ -440,8 +420,6 @@ def _sd_m(shown: Float64, cost: float) -> Float64:
 
 _WORK: Final = ((3000, 5000), (0, 3000))
 """Time to search in an image [µs]: (in usual images, in reserved ones), with one arm or none, and with several."""
-_MOST_IMAGES: Final = 40
-"""Images kept during a search; beyond that, every second one is dropped."""
 _STRIDE: Final = 3
 """New arms are tracked through every third image kept during the search, up to the newest."""
 _FOLLOWED: Final = 2500
@@ -459,6 +437,8 @@ _PATIENCE: Final = 8
 """Factor of the number of images for which a place is refused, while an arm is reported."""
 _LONGEST_REFUSED: Final = 480
 _MOST_REFUSED: Final = 63
+_SAME_ARM_M: Final = 0.3
+"""Greatest way of an arm from the last image before a gap in time [m]."""
 _MUCH_BETTER: Final = 0.7
 """A reported arm is replaced only by one whose cost is below this share of its own."""
 _LONGEST_WAIT: Final = 240

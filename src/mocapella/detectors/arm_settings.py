@@ -40,6 +40,7 @@ class KinematicArmSettings:
             sooner, also false ones [cost].
         fattening_px: by how much the camera makes near things wider, on each side, as stereo cameras do; -1: found out
             from the first arms [px].
+        independent_s: images further apart do not continue each other: arms are detected anew; 0: in every image [s].
         refuse_for: number of images for which a place without an arm is not searched again; eight times as many while
             an arm is tracked, and doubled each time; larger: less work, later arms [images].
         lost_after: number of successive doubtful images (see ``keep``) after which an arm is lost; larger: arms are
@@ -66,6 +67,7 @@ class KinematicArmSettings:
     firm: float = 0.19
     report: float = 0.30
     fattening_px: int = -1
+    independent_s: float = 0.3
     refuse_for: int = 8
     lost_after: int = 3
     look_every: int = 20
@@ -85,6 +87,7 @@ class KinematicArmSettings:
         check(0 < self.report < 2, "report", self.report, "above 0, below 2")
         check(-1 <= self.fattening_px <= 15, "fattening_px", self.fattening_px, "-1 to 15")
         check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
+        check(0 <= self.independent_s <= 3600, "independent_s", self.independent_s, "0 to 3600")
         check(1 <= self.refuse_for <= 100_000, "refuse_for", self.refuse_for, "1 to 100000")
         check(1 <= self.lost_after <= 1000, "lost_after", self.lost_after, "1 to 1000")
         check(1 <= self.look_every <= 1000, "look_every", self.look_every, "1 to 1000")

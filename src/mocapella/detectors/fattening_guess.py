@@ -1,4 +1,4 @@
-"""Find out from the first arms whether a camera makes near things wider, as stereo cameras do.
+"""Find out from the arms whether a camera makes near things wider, as stereo cameras do.
 
 Fits to the image and to one with narrower things are compared: see `mocapella.sensing.fattening`.
 """
@@ -17,43 +17,66 @@ Float32 = NDArray[np.float32]
 
 FATTENING_PX: Final = 3
 """How much wider things are in images of cameras that match blocks [px]."""
-MOST_TRIES: Final = 5
-"""Arms that are compared; without a result, the camera is taken for one without fattening."""
+MOST_VOTES: Final = 5
+"""Comparisons with the same result after which the camera's kind is known; it can still be taken back."""
 ALIKE: Final = 0.85
 """Ratio of costs above which fits to both images say nothing."""
 _NO_FIT: Final = 1.0
+_OFTEN: Final = 10
+_SELDOM: Final = 100
+"""Images between two comparisons, before and after the kind is known."""
 
 
 class FatteningGuess:
     """By how much a camera makes near things wider.
+
+    Each comparison of an arm's fits is a vote for or against it. A face may have voted, so that no result is final.
 
     Args:
         px: the number of pixels on each side, or below 0 if it is to be found out.
 
     Attributes:
         px: the number of pixels; 0 at first, if it is to be found out.
-        known: whether it does not change any more.
     """
 
     def __init__(self, px: int) -> None:
-        self.px, self.known = max(px, 0), px >= 0
-        self._tries = 0
+        self.px, self._given = max(px, 0), px >= 0
+        self._votes = MOST_VOTES if px > 0 else 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the number was given, or enough comparisons had the same result."""
+        return self._given or abs(self._votes) == MOST_VOTES
+
+    @property
+    def wider(self) -> bool:
+        """Whether the camera is known to make things wider."""
+        return self.px > 0 and self.known
 
     def corrected(self, depth: Float32) -> Float32:
         """Return a depth image (height, width) [m] without the fattening that is known of; itself if there is none."""
         return without_fattening(depth, self.px)
 
-    def learn(self, costs: Sequence[float], narrower: Sequence[float]) -> bool:
-        """Compare fits' costs, 0 to 1, in an image and in the same one with narrower things.
+    def otherwise(self, depth: Float32) -> Float32:
+        """Return a depth image (height, width) [m] as it would be if the camera were of the other kind."""
+        return without_fattening(depth, 0 if self.px else FATTENING_PX)
+
+    def due(self, image: int) -> bool:
+        """Return whether the arms in the image of this number are to be compared."""
+        return not self._given and image % (_SELDOM if self.known else _OFTEN) == 0
+
+    def learn(self, costs: Sequence[float], otherwise: Sequence[float]) -> bool:
+        """Compare fits' costs, 0 to 1, in an image `corrected`, and in the same one `otherwise`.
 
         Returns:
-            Whether arms fit better to the narrower one, so that `px` is `FATTENING_PX` from now on.
+            Whether the camera is taken for one of the other kind from now on.
         """
-        before, after = min(costs, default=_NO_FIT), min(narrower, default=_NO_FIT)
-        if min(before, after) < _NO_FIT:
-            self._tries += 1
-            self.known = not ALIKE * before <= after <= before / ALIKE or self._tries == MOST_TRIES
-        better = after < ALIKE * before
-        if better:
-            self.px = FATTENING_PX
-        return better
+        before, after = min(costs, default=_NO_FIT), min(otherwise, default=_NO_FIT)
+        if self._given or ALIKE * before <= after <= before / ALIKE:
+            return False
+        change = 1 if (after < before) == (self.px == 0) else -1
+        self._votes = int(np.clip(self._votes + change, -MOST_VOTES, MOST_VOTES))
+        if self._votes * (1 if self.px else -1) >= 0:
+            return False
+        self.px = 0 if self.px else FATTENING_PX
+        return True
