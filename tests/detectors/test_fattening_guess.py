@@ -18,19 +18,19 @@ def near_wall() -> np.ndarray:
     return depth
 
 
-def state(guess: FatteningGuess) -> tuple[int, bool, bool]:
-    return guess.px, guess.known, guess.wider
+def state(guess: FatteningGuess) -> tuple[int, bool]:
+    return guess.px, guess.known
 
 
 def test_a_camera_whose_arms_fit_narrower_images_better_makes_things_wider() -> None:
     guess = FatteningGuess(-1)
-    assert state(guess) == (0, False, False)
+    assert state(guess) == (0, False)
     assert guess.learn([0.3, 0.28], [0.2])
-    assert state(guess) == (FATTENING_PX, False, False)
+    assert state(guess) == (FATTENING_PX, False)
     for _ in range(MOST_VOTES - 1):
         assert not guess.known
         assert not guess.learn([0.2], [0.28, 0.3])
-    assert state(guess) == (FATTENING_PX, True, True)
+    assert state(guess) == (FATTENING_PX, True)
 
 
 def test_an_arm_that_is_found_in_narrower_images_alone_votes_for_them() -> None:
@@ -45,7 +45,7 @@ def test_a_camera_whose_arms_fit_narrower_images_worse_does_not(narrower: list[f
     for _ in range(MOST_VOTES):
         assert not guess.known
         assert not guess.learn([0.2], narrower)
-    assert state(guess) == (0, True, False)
+    assert state(guess) == (0, True)
 
 
 @pytest.mark.parametrize(("costs", "otherwise"), [([0.2], [0.19]), ([], []), ([0.19], [0.2])])
@@ -53,7 +53,7 @@ def test_costs_that_are_alike_say_nothing(costs: list[float], otherwise: list[fl
     guess = FatteningGuess(-1)
     for _ in range(3 * MOST_VOTES):
         assert not guess.learn(costs, otherwise)
-    assert state(guess) == (0, False, False)
+    assert state(guess) == (0, False)
 
 
 @given(st.lists(st.tuples(COSTS, COSTS), max_size=40), st.booleans())
@@ -66,7 +66,7 @@ def test_whatever_came_before_arms_of_either_kind_of_camera_win(
     for _ in range(2 * MOST_VOTES):
         as_it_is = (guess.px > 0) == wider
         guess.learn([0.1 if as_it_is else 0.2], [0.2 if as_it_is else 0.1])
-    assert state(guess) == (FATTENING_PX if wider else 0, True, wider)
+    assert state(guess) == (FATTENING_PX if wider else 0, True)
 
 
 def test_arms_are_compared_often_until_the_kind_is_known_and_seldom_then() -> None:
@@ -81,7 +81,7 @@ def test_arms_are_compared_often_until_the_kind_is_known_and_seldom_then() -> No
 @pytest.mark.parametrize("px", [0, 2])
 def test_a_number_that_is_given_is_used_from_the_first_image_on(px: int) -> None:
     guess = FatteningGuess(px)
-    assert state(guess) == (px, True, px > 0)
+    assert state(guess) == (px, True)
     assert not guess.learn([0.3], [0.1])
     assert not any(guess.due(k) for k in range(1000))
     assert (guess.corrected(near_wall()) == 0.5).sum() == (10 - 2 * px) ** 2

@@ -126,7 +126,7 @@ class KinematicArmDetector:
 
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
-        most = self.settings.report if self._fattening.wider else self.settings.firm
+        most = self.settings.report if self._fattening.px else self.settings.firm
         for arm in self._arms:
             arm.believed |= arm.fitted.cost < most
         return [arm for arm in self._arms if arm.believed]

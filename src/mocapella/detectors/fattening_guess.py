@@ -48,11 +48,6 @@ class FatteningGuess:
         """Whether the number was given, or enough comparisons had the same result."""
         return self._given or abs(self._votes) == MOST_VOTES
 
-    @property
-    def wider(self) -> bool:
-        """Whether the camera is known to make things wider."""
-        return self.px > 0 and self.known
-
     def corrected(self, depth: Float32) -> Float32:
         """Return a depth image (height, width) [m] without the fattening that is known of; itself if there is none."""
         return without_fattening(depth, self.px)
