@@ -25,6 +25,7 @@ from mocapella.cli import depth_recordings as inputs
 from mocapella.cli import view as _view  # noqa: F401 - and another: an app of one verb has no verbs
 from mocapella.cli.app import app
 from mocapella.detectors import DETECTORS, make_detector
+from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.lens import project
 from mocapella.model.arms import SeenArms
@@ -116,6 +117,22 @@ def test_a_folder_gives_joints_in_metres_and_pixels(folder: Path) -> None:
         np.testing.assert_allclose(project(palm["m"], LENS), palm["px"], atol=0.01)
         assert (one["id"], one["handedness"], one["handedness_sure"]) == (7, "left", 0.9)
         assert (one["gesture"], one["gesture_sure"], one["grabbing"]) == ("open", 0.8, True)
+
+
+def test_independent_images_are_a_setting_of_detectors_that_continue_images(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result("frames", *SAID, "--independent", "--set", "a.b=3")
+    assert made[0].settings == NearestArmSettings({"b": 3})
+
+    def make(camera: Camera, settings: Any) -> NearestArm:
+        assert (settings.independent_s, settings.firm) == (0.0, 0.2)
+        made.append(NearestArm(camera))
+        return made[-1]
+
+    monkeypatch.setitem(DETECTORS, "nearest", replace(NEAREST, make=make, settings=lambda: KinematicArmSettings))
+    result("frames", *SAID, "--independent", "--set", "firm=0.2")
+    assert len(made) == 2
 
 
 def test_all_points_and_a_table(folder: Path) -> None:

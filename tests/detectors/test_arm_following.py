@@ -15,6 +15,7 @@ import pytest
 from mocapella.detectors import ArmDetector, arm_following
 from mocapella.detectors.arm_finding import ArmFinder
 from mocapella.detectors.arm_following import KinematicArmDetector, _sd_m
+from mocapella.detectors.arm_search import _MOST_IMAGES, Search
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.errors import SettingsError
 from mocapella.evaluation.arms import matched, score
@@ -257,7 +258,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
     """It is done a little at a time; and what is found then is followed to where it is by then."""
     camera, images, shots = one_arm_and_then_another(2)
     done: list[list[int]] = []
-    furthest = arm_following._Search.go_on
+    furthest = Search.go_on
 
     def go_on(look: Any, work: float) -> bool:
         inner, done_now = look.steps, []
@@ -273,7 +274,7 @@ def test_no_image_waits_for_a_look_for_further_arms(monkeypatch: pytest.MonkeyPa
         done.append(done_now)
         return more
 
-    monkeypatch.setattr(arm_following._Search, "go_on", go_on)
+    monkeypatch.setattr(Search, "go_on", go_on)
     detector = KinematicArmDetector(camera, KinematicArmSettings(look_every=1))
     found = None
     for image, shot in zip(images, shots, strict=True):
@@ -311,11 +312,11 @@ def test_once_an_arm_is_lost_every_place_is_looked_at_again() -> None:
 
 def test_of_images_that_come_during_a_look_not_all_are_kept() -> None:
     image = np.zeros((2, 2), np.float32)
-    look = arm_following._Search(image, 0.0)
+    look = Search(image, 0.0)
     for k in range(1, 1000):
         image[:] = k
         look.add(image, k / 30)
-        assert len(look.images) <= arm_following._MOST_IMAGES
+        assert len(look.images) <= _MOST_IMAGES
         times = [at_s for _, at_s in look.images]
         assert times == sorted(times)
         assert times[-1] == k / 30
@@ -404,7 +405,8 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
         ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.39)), ("keep", (0.2, 2.0)),
         ("digits", (0, 6)), ("gain", (0.0, 2.0)), ("doubt", (0.0, 2.0)), ("better", (0.0, 1.1)),
         ("firm", (0.0, 2.0)), ("look_again_after", (0, 1001)), ("refuse_for", (0, 100_001)),
-        ("lost_after", (0, 1001)), ("look_every", (0, 1001)), ("look_anyway_every", (0, 100_001)),
+        ("lost_after", (0, 1001)), ("report", (0.0, 2.0)), ("fattening_px", (-2, 16)),
+        ("independent_s", (-0.1, 3601)), ("look_every", (0, 1001)), ("look_anyway_every", (0, 100_001)),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be_are_refused(name: str, values: tuple[Any, ...]) -> None:
