@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.detectors.fattening_guess import ALIKE, FATTENING_PX, MOST_VOTES, FatteningGuess
+from mocapella.detectors.fattening_guess import CLEARLY, FATTENING_PX, MOST_VOTES, FatteningGuess
 
 COSTS = st.lists(st.floats(0.01, 1.0), max_size=3)
 
@@ -39,7 +39,7 @@ def test_an_arm_that_is_found_in_narrower_images_alone_votes_for_them() -> None:
     assert guess.px == FATTENING_PX
 
 
-@pytest.mark.parametrize("narrower", [[], [0.2 / ALIKE + 0.001], [0.5]])
+@pytest.mark.parametrize("narrower", [[], [0.2 * CLEARLY + 0.001], [0.2], [0.5]])
 def test_a_camera_whose_arms_fit_narrower_images_worse_does_not(narrower: list[float]) -> None:
     guess = FatteningGuess(-1)
     for _ in range(MOST_VOTES):
@@ -48,11 +48,19 @@ def test_a_camera_whose_arms_fit_narrower_images_worse_does_not(narrower: list[f
     assert state(guess) == (0, True)
 
 
-@pytest.mark.parametrize(("costs", "otherwise"), [([0.2], [0.19]), ([], []), ([0.19], [0.2])])
-def test_costs_that_are_alike_say_nothing(costs: list[float], otherwise: list[float]) -> None:
+@pytest.mark.parametrize("nothing", [[], [1.0], [float("inf")]])
+def test_images_without_an_arm_say_nothing(nothing: list[float]) -> None:
     guess = FatteningGuess(-1)
     for _ in range(3 * MOST_VOTES):
-        assert not guess.learn(costs, otherwise)
+        assert not guess.learn(nothing, nothing)
+    assert state(guess) == (0, False)
+
+
+def test_a_guess_that_rests_on_one_arm_is_taken_back_if_the_next_fits_both_images_alike() -> None:
+    guess = FatteningGuess(-1)
+    guess.learn([0.3], [0.2])
+    assert guess.px == FATTENING_PX
+    assert guess.learn([0.2], [0.2])
     assert state(guess) == (0, False)
 
 

@@ -10,6 +10,7 @@ New arms are detected from palm candidates, at first in the whole image, by fits
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -136,14 +137,19 @@ class KinematicArmDetector:
         arm = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
         if arm is None or arm.fitted.cost > self.settings.report or not self._fattening.due(self._frames):
             return
-        pose, model = arm.fitted.pose, arm.model
-        part = self.finder.region(self._fattening.otherwise(whole), model.spheres(pose))
-        if part is None:
-            return
-        other = model.fit(pose, model.unexpected(pose), evidence_of(part, model, pose), iterations=4, loose=1.0)
-        if self._fattening.learn([arm.fitted.cost], [other.cost]):
+        one = Found(arm.fitted.cost, arm.side, arm.fitted)
+        if self._fattening.learn([one.cost], [self._refitted(one, self._fattening.otherwise(whole)).cost]):
             for arm in self._arms:
                 arm.believed = arm.fitted.cost < self.settings.firm
+
+    def _refitted(self, one: Found, depth: Float32) -> Found:
+        """Return an arm's fit to another image of the same instant, from its pose; of cost ∞ if it is not there."""
+        model, pose = self.models[one.side], one.fitted.pose
+        part = self.finder.region(depth, model.spheres(pose))
+        if part is None:
+            return Found(math.inf, one.side, one.fitted)
+        fitted = model.fit(pose, model.unexpected(pose), evidence_of(part, model, pose), iterations=4, loose=1.0)
+        return Found(fitted.cost, one.side, fitted)
 
     def _reason(self, depth: Float32) -> str:
         s = self.settings.region
@@ -312,8 +318,12 @@ class KinematicArmDetector:
         if tried and not self._arms and not guess.known and not any(cost < self.settings.firm for cost in costs):
             otherwise = guess.otherwise(search.depth)
             instead = yield from searched(otherwise)
+            again = [self._refitted(one, depth) for one in instead[0]]
+            costs += [one.cost for one in again]
             if guess.learn(costs, [one.cost for one in instead[0]]):
                 (found, tried), depth = instead, otherwise
+            else:
+                found = [*found, *(one for one in again if one.cost < self.settings.believe)]
         if near is None:
             self._unfinished = len(tried) == most
         if len(tried) < most or most > 1:
@@ -400,7 +410,8 @@ class KinematicArmDetector:
         if arm.region is not None:
             shown = model.visible(pose, arm.region.front, arm.region.lens)
         clear = ~arm.unclear | (arm.firm >= _FIRM_AFTER)
-        states = np.where((shown > _VISIBLE) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
+        least = _VISIBLE_IN_BLOCKS if self._fattening.px else _VISIBLE
+        states = np.where((shown > least) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = _sd_m(np.where(clear, shown, 0.0), arm.fitted.cost).astype(np.float32)
         return SeenArm(
             arm.id, arm.side == "left", arm.sure, points, states, sd, model.angles(pose), pose.T_camera_palm
@@ -465,6 +476,8 @@ _TRIED: Final = 2
 
 _VISIBLE: Final = 0.1
 """Least visible share of a tracked landmark's surface; below, it is inferred."""
+_VISIBLE_IN_BLOCKS: Final = 0.3
+"""The same before a camera that matches blocks, where a finger's neighbour may stand in for it."""
 _HIDDEN_SD_M: Final = np.full(23, 0.011)
 _HIDDEN_SD_M[[*TIPS]] = 0.024
 """Standard deviation of a coordinate of an occluded landmark [m]."""

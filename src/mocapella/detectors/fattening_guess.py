@@ -19,10 +19,10 @@ FATTENING_PX: Final = 3
 """How much wider things are in images of cameras that match blocks [px]."""
 MOST_VOTES: Final = 5
 """Comparisons with the same result after which the camera's kind is known; it can still be taken back."""
-ALIKE: Final = 0.85
-"""Ratio of costs above which fits to both images say nothing."""
+CLEARLY: Final = 0.85
+"""Ratio of costs below which narrower things fit clearly better."""
 _NO_FIT: Final = 1.0
-_OFTEN: Final = 10
+_OFTEN: Final = 5
 _SELDOM: Final = 100
 """Images between two comparisons, before and after the kind is known."""
 
@@ -30,7 +30,8 @@ _SELDOM: Final = 100
 class FatteningGuess:
     """By how much a camera makes near things wider.
 
-    Each comparison of an arm's fits is a vote for or against it. A face may have voted, so that no result is final.
+    Each comparison of an arm's fits is a vote for or against it: for it where the arm fits clearly better to narrower
+    things. A face may have voted, so that no result is final.
 
     Args:
         px: the number of pixels on each side, or below 0 if it is to be found out.
@@ -66,12 +67,11 @@ class FatteningGuess:
         Returns:
             Whether the camera is taken for one of the other kind from now on.
         """
-        before, after = min(costs, default=_NO_FIT), min(otherwise, default=_NO_FIT)
-        if self._given or ALIKE * before <= after <= before / ALIKE:
+        both = [min([*costs, _NO_FIT]), min([*otherwise, _NO_FIT])]
+        narrower, measured = both if self.px else both[::-1]
+        if self._given or narrower == measured == _NO_FIT:
             return False
-        change = 1 if (after < before) == (self.px == 0) else -1
-        self._votes = int(np.clip(self._votes + change, -MOST_VOTES, MOST_VOTES))
-        if self._votes * (1 if self.px else -1) >= 0:
-            return False
-        self.px = 0 if self.px else FATTENING_PX
-        return True
+        vote = 1 if narrower < CLEARLY * measured else -1
+        self._votes = int(np.clip(self._votes + vote, -MOST_VOTES, MOST_VOTES))
+        before, self.px = self.px, FATTENING_PX if self._votes > 0 else 0
+        return self.px != before
