@@ -99,8 +99,7 @@ class BodyFitter:
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
-        self._missed = False
-        self._as_expected = False
+        self._missed = self._as_expected = self._there = False
         if self._limb_recovery is not None:
             self._limb_recovery.reset()
 
@@ -111,12 +110,12 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected]
+        state = [self._past, self._missed, self._as_expected, self._there]
         return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
-        (self._past, self._missed, self._as_expected), dead, surface, limbs, cameras = memory
+        (self._past, self._missed, self._as_expected, self._there), dead, surface, limbs, cameras = memory
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
@@ -128,7 +127,7 @@ class BodyFitter:
         for name, camera in self._cameras.items():
             camera.recall(cameras[name])
 
-    def start(self, pose: TreePose, time_ns: int) -> None:
+    def start(self, pose: TreePose, time_ns: int, *, there: bool = False) -> None:
         """Begin to track from an approximate pose, without motion.
 
         Called again, for a lost body, it restarts there and keeps the cameras' strides and backgrounds.
@@ -136,11 +135,13 @@ class BodyFitter:
         Args:
             pose: the approximate pose.
             time_ns: time of the pose, on the common clock; before that of the next frame.
+            there: whether the person is certainly there: then whatever else differs from the learnt background in the
+                next frame is a thing that came later, such as a chair, and no evidence of the body.
 
         Raises:
             SettingsError: no camera sees the body there, at the first start.
         """
-        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
+        self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
@@ -224,6 +225,10 @@ class BodyFitter:
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
+        if self._there:
+            for name in (name for name in usable if name in there):
+                there[name].forget_things(usable[name], others.get(name))
+            self._there = not usable
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)

@@ -170,6 +170,16 @@ class SilhouetteCamera:
         self.background.reset()
         self.usually = Usually()
 
+    def forget_things(self, image: UInt8, others: Bool | None) -> None:
+        """Forget the background where things came after it was learnt; the body is where it was `look`-ed for.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, where the background stays; None for none.
+        """
+        if self.background is not None and self._outline is not None:
+            self.background.forget_things(image, self._expected(), others)
+
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """Segment the image, with the body's projected outline of `look` as a prior, and keep the contour.
 

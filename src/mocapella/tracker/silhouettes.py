@@ -294,7 +294,7 @@ class SilhouettesTracker:
     def _start(self, time_ns: int) -> None:
         """Set all bodies to their initial poses at a time."""
         for name, body in self.bodies.items():
-            self._fitters.start(name, body.pose, time_ns)
+            self._fitters.start(name, body.pose, time_ns, there=not self._waiting)
             self._presence.start(name, body.pose, time_ns)
 
     def _stand(self) -> TrackerState:
@@ -312,7 +312,7 @@ class SilhouettesTracker:
         return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
 
 
-_FORMAT: Final = "silhouettes 2"
+_FORMAT: Final = "silhouettes 3"
 _OWN_MEMORY: Final = (
     *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
     "_state",
