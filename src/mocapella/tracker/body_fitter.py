@@ -34,6 +34,7 @@ from mocapella.sensing.dead_images import DeadImages
 from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
 from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
+from mocapella.tracker.limb_support import LimbSupport
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
@@ -61,6 +62,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
         seen: contour and model outline, by camera whose image was used. Empty: the pose is the predicted one.
         left_out: the reason why an image was rejected, by camera. A camera may be in neither, because it gave no image
             or the body is outside.
+        supported: (n,) bool, whether images support each landmark (`limb_support.py`); None: unknown, as of a lost body.
     """
 
     time_ns: int
@@ -68,6 +70,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
     landmarks: Float64
     seen: Mapping[str, SeenIn]
     left_out: Mapping[str, str]
+    supported: Bool | None = None
 
 
 class BodyFitter:
@@ -89,6 +92,7 @@ class BodyFitter:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
+        self._support = LimbSupport(mesh, self.settings.correspondences.sure_nats)
         self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
@@ -247,11 +251,12 @@ class BodyFitter:
             self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
             priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
             pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
-        stands, seen = self.body.standing(pose), {}
+        stands, seen, evidence = self.body.standing(pose), {}, []
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
                 seen[name] = camera.seen()
+                evidence.append(camera.support())
                 camera.learn(images[name], others.get(name))
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
@@ -259,7 +264,9 @@ class BodyFitter:
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
             self._surface.learn(stands)
         self._missed = not seen
-        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out)
+        return FittedBody(
+            time_ns, pose, stands.landmarks, seen, left_out, self._support.supported(stands.landmarks, evidence)
+        )
 
     def _fitted(
         self,

@@ -21,6 +21,7 @@ from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
 from mocapella.sensing.region_contour import RegionSettings, region_contour
+from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Float64 = NDArray[np.float64]
@@ -213,6 +214,14 @@ class SilhouetteCamera:
         assert self._found is not None
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
+
+    def support(self) -> OutlineEvidence:
+        """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
+        assert self._outline is not None
+        assert self._found is not None
+        contour, surety = self._found
+        lengths = np.linalg.norm(self._outline.normals, axis=1) * self._outline.depth / self._eye.lens[0]
+        return OutlineEvidence(self._outline, evidence_at(self._outline, contour.phi, surety), lengths)
 
     def shows_all(self, vertices: Float64) -> bool:
         """Return whether all vertices (n, 3) of a body in the world [m] are within the image."""

@@ -38,6 +38,7 @@ from mocapella.tracker.body_presence import SilhouettePresence
 from mocapella.tracker.frame_sync import REMEMBERED as SYNC_REMEMBERED
 from mocapella.tracker.frame_sync import FrameSync, FrameSyncSettings, SyncedFrames
 from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.limb_support import SupportConditions
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerNote, TrackerReport, scene_at
 from mocapella.tracker.rig_check import RigCheck
@@ -98,6 +99,7 @@ class SilhouettesTracker:
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
         self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
+        self._support = SupportConditions({name: tuple(body.mesh.landmarks) for name, body in bodies.items()})
         self._room = EmptyRoomLearning(empty_room_s)
         self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
         self._places = tuple(
@@ -127,6 +129,7 @@ class SilhouettesTracker:
         self._fitters.reset()
         self._presence.reset()
         self._conditions.reset()
+        self._support.reset()
         self._rig_check.reset()
         self._room.reset()
         self._newest: dict[str, tuple[int, int]] = {}
@@ -184,7 +187,7 @@ class SilhouettesTracker:
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:
-        return self._sync, self._fitters, self._presence, self._conditions, self._rig_check, self._room
+        return self._sync, self._fitters, self._presence, self._conditions, self._support, self._rig_check, self._room
 
     def update(self, arrival: Arrival) -> Scene:
         """Process one image and return the scene: the bodies of the last complete set of images.
@@ -269,6 +272,12 @@ class SilhouettesTracker:
         }
         bodies, who = self._presence.update(number, found, images)
         said += who + self._conditions.update(number, bodies)
+        supported = {
+            name: one.fit.supported
+            for name, one in bodies.items()
+            if one.fit.supported is not None and one.fit.seen and not one.lost
+        }
+        said += self._support.update(number, time_ns, supported)
         if not self._presence.lost:
             fits = {name: one.fit for name, one in bodies.items()}
             said += self._rig_check.update(fits, images, self._presence.empty)
@@ -304,7 +313,7 @@ class SilhouettesTracker:
             missing = len(self.rig.cameras) - len(self._sync.heard)
             return TrackerState(Phase.WAITING_FOR_SENSORS, missing, reason=self._reason)
         lost = [f"{called(name)} is in no camera's image" for name in self._presence.lost]
-        clauses = (*self._rig_check.said, *self._conditions.lasting, *lost)
+        clauses = (*self._rig_check.said, *self._conditions.lasting, *self._support.lasting, *lost)
         return TrackerState(Phase.TRACKING, reason="; ".join(clause.replace("; ", ", ") for clause in clauses))
 
     def _scene(self, arrival: Arrival) -> Scene:
