@@ -62,7 +62,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
         seen: contour and model outline, by camera whose image was used. Empty: the pose is the predicted one.
         left_out: the reason why an image was rejected, by camera. A camera may be in neither, because it gave no image
             or the body is outside.
-        supported: (n,) bool, whether images support each landmark (`limb_support.py`); None: unknown, as of a lost body.
+        supported: (n,) bool, whether images support each landmark (`limb_support.py`); None: unknown.
     """
 
     time_ns: int
@@ -114,12 +114,13 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected, self._there]
+        state = [self._past, self._missed, self._as_expected, self._there, self._usual]
         return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
-        (self._past, self._missed, self._as_expected, self._there), dead, surface, limbs, cameras = memory
+        state, dead, surface, limbs, cameras = memory
+        self._past, self._missed, self._as_expected, self._there, self._usual = state
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
@@ -146,6 +147,8 @@ class BodyFitter:
             SettingsError: no camera sees the body there, at the first start.
         """
         self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
+        # Limbs that no image shows stay near the start: a seated person's legs must not be drawn to a stand.
+        self._usual = np.clip(pose.angles, *self.mesh.tree.limits.T)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}

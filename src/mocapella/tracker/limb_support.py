@@ -142,7 +142,8 @@ class SupportConditions:
         notes: list[str] = []
         for name, marks in self._landmarks.items():
             now = supported.get(name)
-            lacking, since = [], number
+            lacking: list[str] = []
+            since = number
             for mark, has in zip(marks, () if now is None else now.tolist(), strict=now is not None):
                 if has:
                     self._since.pop((name, mark), None)

@@ -35,6 +35,7 @@ from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import REMEMBERED as FITTER_REMEMBERED
 from mocapella.tracker.body_presence import REMEMBERED as PRESENCE_REMEMBERED
 from mocapella.tracker.body_presence import SilhouettePresence
+from mocapella.tracker.body_size import size_doubt
 from mocapella.tracker.frame_sync import REMEMBERED as SYNC_REMEMBERED
 from mocapella.tracker.frame_sync import FrameSync, FrameSyncSettings, SyncedFrames
 from mocapella.tracker.initial_body import InitialBody
@@ -100,6 +101,8 @@ class SilhouettesTracker:
         self._presence = SilhouettePresence(self._fitters, rig)
         self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
         self._support = SupportConditions({name: tuple(body.mesh.landmarks) for name, body in bodies.items()})
+        sizes = [size_doubt(body.mesh, f"{name}'s" if name else "the body's") for name, body in bodies.items()]
+        self._sizes = [said for said in sizes if said]
         self._room = EmptyRoomLearning(empty_room_s)
         self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
         self._places = tuple(
@@ -298,6 +301,7 @@ class SilhouettesTracker:
             for camera in self.rig.cameras
             if camera not in seen_by
         ]
+        said += self._sizes
         return said + (unknown_room(self.rig.cameras, self._filmed) if self._filmed else [])
 
     def _start(self, time_ns: int) -> None:
@@ -313,7 +317,7 @@ class SilhouettesTracker:
             missing = len(self.rig.cameras) - len(self._sync.heard)
             return TrackerState(Phase.WAITING_FOR_SENSORS, missing, reason=self._reason)
         lost = [f"{called(name)} is in no camera's image" for name in self._presence.lost]
-        clauses = (*self._rig_check.said, *self._conditions.lasting, *self._support.lasting, *lost)
+        clauses = (*self._sizes, *self._rig_check.said, *self._conditions.lasting, *self._support.lasting, *lost)
         return TrackerState(Phase.TRACKING, reason="; ".join(clause.replace("; ", ", ") for clause in clauses))
 
     def _scene(self, arrival: Arrival) -> Scene:

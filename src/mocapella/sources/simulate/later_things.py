@@ -69,7 +69,8 @@ def boxes(name: str, placed: Sequence[tuple[Float64, Float64]], yaw: float = 0.0
         placed: centre (3,) and half edges (3,) of each box [m].
         yaw: rotation of every box about the vertical through its own centre [rad].
     """
-    points, faces = [], []
+    points: list[Float64] = []
+    faces: list[tuple[int, int, int]] = []
     for centre, half in placed:
         corners = (_CORNERS * half) @ rotation_about_y(yaw).T + centre
         for side in _SIDES:

@@ -182,7 +182,7 @@ class SilhouetteScene:
         return [covered(self._stage(k), placed) for placed in self._placed]
 
     def background(self, k: int = 0) -> list[UInt8]:
-        """Return images (height, width, 3) uint8 BGR of the empty room for all cameras, without corruption and `things`.
+        """Return images (height, width, 3) uint8 BGR of the empty room of all cameras, without `things` and corruption.
 
         Their brightness is that of frame k; their noise is their own.
         """
