@@ -342,7 +342,7 @@ def test_a_step_below_one_is_refused() -> None:
 
 
 def _with_a_thing(far_px, **other):
-    """Sample counts of a learnt wall after a person came, and a thing that reaches from them to ``far_px`` to the right."""
+    """Sample counts of a learnt wall after a person came, and a thing ``far_px`` wide right beside them."""
     wall = np.full((96, 160, 3), 120, np.uint8)
     memory = BackgroundMemory(2)
     for _ in range(3):

@@ -102,3 +102,12 @@ def test_conditions_go_on_from_their_memory():
     frames(said, [False, True])
     other.recall(said.memory())
     assert other.lasting == said.lasting != []
+
+
+def test_the_joints_of_parts_that_no_image_shows_are_hidden_and_no_others():
+    support = LimbSupport(ROOM.mesh, 1.0)
+    shown = np.array([name not in LEFT_LEG for name in MARKS])
+    hidden = support.hidden_joints(shown)
+    names = {name for name, one in zip(ROOM.mesh.joint_names, hidden.tolist(), strict=True) if one}
+    assert names == {name for name in ROOM.mesh.joint_names if name.startswith(("left hip", "left knee", "left ankle"))}
+    assert not support.hidden_joints(np.ones(len(MARKS), bool)).any()

@@ -104,6 +104,7 @@ class BodyFitter:
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
         self._missed = self._as_expected = self._there = False
+        self._hidden = np.zeros(len(self._usual), np.bool_)
         if self._limb_recovery is not None:
             self._limb_recovery.reset()
 
@@ -114,13 +115,13 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected, self._there, self._usual]
+        state = [self._past, self._missed, self._as_expected, self._there, self._hidden]
         return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
         state, dead, surface, limbs, cameras = memory
-        self._past, self._missed, self._as_expected, self._there, self._usual = state
+        self._past, self._missed, self._as_expected, self._there, self._hidden = state
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
@@ -147,8 +148,7 @@ class BodyFitter:
             SettingsError: no camera sees the body there, at the first start.
         """
         self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
-        # Limbs that no image shows stay near the start: a seated person's legs must not be drawn to a stand.
-        self._usual = np.clip(pose.angles, *self.mesh.tree.limits.T)
+        self._hidden = np.zeros(len(self._usual), np.bool_)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
@@ -267,9 +267,9 @@ class BodyFitter:
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
             self._surface.learn(stands)
         self._missed = not seen
-        return FittedBody(
-            time_ns, pose, stands.landmarks, seen, left_out, self._support.supported(stands.landmarks, evidence)
-        )
+        supported = self._support.supported(stands.landmarks, evidence)
+        self._hidden = self._support.hidden_joints(supported)
+        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported)
 
     def _fitted(
         self,
@@ -353,7 +353,9 @@ class BodyFitter:
         """Return the prior of usual angles, and the priors of smooth motion."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
-        usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
+        # A limb that no image shows comes to rest where it is: a seated person's legs are not drawn to a stand.
+        centre = np.where(self._hidden, self._past[-1][1].angles, self._usual)
+        usual = Prior(TreePose(expected.T_world_model, centre), 0.0, 0.0, weak)
         if s.steadiness is None or len(self._past) < 2:
             return usual, ()
         (before_ns, _), (last_ns, last) = self._past

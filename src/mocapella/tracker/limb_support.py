@@ -57,9 +57,17 @@ class LimbSupport:
 
     def __init__(self, mesh: RiggedMesh, sure_nats: float) -> None:
         self._sure_nats = sure_nats
-        chains = [parts.tolist() for _, parts in limbs_of(mesh.tree)]
-        of = {part: chain[k : k + 2] for chain in chains for k, part in enumerate(chain)}
+        parents, joint_parts = mesh.tree.parents, mesh.tree.joint_parts
+        chains = [parts for _, parts in limbs_of(mesh.tree)]
+        ends = [
+            parts.tolist()
+            for parts in chains
+            if len(parts) > 1 and not np.isin(parents[np.setdiff1d(np.arange(len(parents)), parts)], parts).any()
+        ]
+        of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
         self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
+        self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
+        self._joint_parts, self._count = joint_parts, len(parents)
 
     def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
         """Return whether images support each landmark (n,); True for all that are not judged.
@@ -78,6 +86,13 @@ class LimbSupport:
                     length[k] += metres[near & np.isin(part, parts)].sum()
         judged = np.array([bool(parts) for parts in self._parts], np.bool_)
         return ~judged | (length >= LEAST_M)
+
+    def hidden_joints(self, supported: Bool) -> Bool:
+        """Return the joints (joints,) that rotate a part none of whose landmarks is ``supported`` (n,)."""
+        with_marks, shown = np.zeros(self._count, np.bool_), np.zeros(self._count, np.bool_)
+        with_marks[self._part] = True
+        shown[self._part[supported]] = True
+        return np.asarray((with_marks & ~shown)[self._joint_parts])
 
 
 def evidence_at(outline: Outline, phi: Float32, surety: Float32) -> Float64:
