@@ -92,7 +92,7 @@ class BodyFitter:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
-        self._support = LimbSupport(mesh, self.settings.correspondences.sure_nats)
+        self._support = LimbSupport(mesh)
         self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)

@@ -27,8 +27,14 @@ NEAR_M: Final = 0.2
 """Largest distance of a landmark's evidence from it, along its limb [m]."""
 LEAST_M: Final = 0.12
 """Least length of outline with evidence, over all cameras, that supports a landmark [m]."""
-BESIDE_STEPS: Final = 2.0
+LEAST_NATS: Final = 0.25
+"""Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
+BESIDE_STEPS: Final = 1.5
 """Distance from the outline of the samples that are compared, inwards and outwards [samples]."""
+FITS_STEPS: Final = 2.0
+"""Largest distance of the image's contour from the model's outline [samples]."""
+MOST_NATS: Final = 10.0
+"""Bound of a sample's evidence, for and against [nats]."""
 LASTS_S: Final = 0.5
 """Duration without support after which it is reported; limbs pass before the body for less [s]."""
 
@@ -52,11 +58,11 @@ class LimbSupport:
 
     Args:
         mesh: the body's mesh; landmarks that are on no limb, such as hips and shoulders, are not judged.
-        sure_nats: least mean evidence of a point of the outline [nats].
+        least_nats: least evidence of a point of the outline [nats].
     """
 
-    def __init__(self, mesh: RiggedMesh, sure_nats: float) -> None:
-        self._sure_nats = sure_nats
+    def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
+        self._least_nats = least_nats
         parents, joint_parts = mesh.tree.parents, mesh.tree.joint_parts
         chains = [parts for _, parts in limbs_of(mesh.tree)]
         ends = [
@@ -78,7 +84,7 @@ class LimbSupport:
         """
         length = np.zeros(len(landmarks))
         for one in evidence:
-            sure = one.nats >= self._sure_nats
+            sure = one.nats >= self._least_nats
             points, part, metres = one.outline.points[sure], one.outline.part[sure], one.lengths_m[sure]
             for k, parts in enumerate(self._parts):
                 if parts:
@@ -106,15 +112,19 @@ def evidence_at(outline: Outline, phi: Float32, surety: Float32) -> Float64:
     long = np.linalg.norm(outline.normals, axis=1, keepdims=True)
     unit = outline.normals / np.maximum(long, 1e-9)
     out = np.zeros(len(outline.at))
-    fits = np.ones(len(outline.at), np.bool_)
+    fits = np.abs(_nearest(phi, outline, outline.at)) <= FITS_STEPS * outline.step_px
     for side in (-1.0, 1.0):
-        at = (outline.at + side * BESIDE_STEPS * outline.step_px * unit - outline.origin_px) / outline.step_px
-        column, row = np.rint(at).astype(np.int64).T
-        inside = (row >= 0) & (row < phi.shape[0]) & (column >= 0) & (column < phi.shape[1])
-        row, column = np.clip(row, 0, phi.shape[0] - 1), np.clip(column, 0, phi.shape[1] - 1)
-        fits &= inside & ((phi[row, column] > 0) == (side < 0))
-        out += 0.5 * np.clip(surety[row, column], -10.0, 10.0)
+        at = outline.at + side * BESIDE_STEPS * outline.step_px * unit
+        out += 0.5 * np.clip(_nearest(surety, outline, at), -MOST_NATS, MOST_NATS)
     return np.where(fits, out, 0.0)
+
+
+def _nearest(values: Float32, outline: Outline, at: Float64) -> Float32:
+    """Return the value (n,) of the sample nearest to each pixel (n, 2) in the outline's window; 0 outside of it."""
+    column, row = np.rint((at - outline.origin_px) / outline.step_px).astype(np.int64).T
+    inside = (row >= 0) & (row < values.shape[0]) & (column >= 0) & (column < values.shape[1])
+    row, column = np.clip(row, 0, values.shape[0] - 1), np.clip(column, 0, values.shape[1] - 1)
+    return np.where(inside, values[row, column], np.float32(0.0))
 
 
 class SupportConditions:
