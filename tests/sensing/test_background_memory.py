@@ -339,3 +339,48 @@ def test_settings_of_no_sense_are_refused(wrong: dict[str, Any]) -> None:
 def test_a_step_below_one_is_refused() -> None:
     with pytest.raises(SettingsError, match="step_px"):
         BackgroundMemory(0)
+
+
+def _with_a_thing(far_px, **other):
+    """Sample counts of a learnt wall after a person came, and a thing ``far_px`` wide right beside them."""
+    wall = np.full((96, 160, 3), 120, np.uint8)
+    memory = BackgroundMemory(2)
+    for _ in range(3):
+        memory.update(wall, None)
+    image = wall.copy()
+    image[20:80, 40:70] = 10
+    image[40:60, 70 : 70 + far_px] = 10
+    phi = np.full((48, 80), -20.0, np.float32)
+    phi[10:40, 20:35] = 20.0
+    columns = np.arange(80)
+    phi[:, 35:] = np.maximum(-2.0 * (columns[35:] - 34), -20.0)
+    forgotten = memory.forget_things(image, Silhouette((0, 0), 2, phi), **other)
+    return memory.known, forgotten
+
+
+def test_the_room_is_forgotten_where_a_thing_reaches_away_from_a_person_and_beside_it():
+    known, forgotten = _with_a_thing(40)
+    assert not known[20:30, 35:55].any()
+    assert not known[25, 30], "behind the person, beside the thing"
+    assert known[25, 20], "behind the person, far from it"
+    assert known[:, 60:].all(), "the rest of the room"
+    assert forgotten == np.count_nonzero(~known)
+
+
+def test_what_differs_just_beside_a_person_may_be_the_person():
+    known, forgotten = _with_a_thing(8)
+    assert known.all()
+    assert forgotten == 0
+
+
+def test_other_people_are_no_things():
+    others = np.zeros((96, 160), bool)
+    others[36:64, 70:116] = True
+    known, forgotten = _with_a_thing(40, others=others)
+    assert known.all()
+    assert forgotten == 0
+
+
+def test_nothing_is_forgotten_before_anything_is_learnt():
+    phi = np.full((48, 80), -20.0, np.float32)
+    assert BackgroundMemory(2).forget_things(np.zeros((96, 160, 3), np.uint8), Silhouette((0, 0), 2, phi)) == 0

@@ -13,6 +13,7 @@ from mocapella.geometry.twists import log_motion
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 from mocapella.tracker.body_fitter import HALF_LIFE_S, BodyFitter, FittedBody
 from mocapella.tracker.silhouette_camera import SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
@@ -460,3 +461,23 @@ def test_of_one_camera_the_skin_is_not_held(cameras: int) -> None:
             last = tracker.update(images, k * FRAME_NS)
         found.append(last.pose.angles)
     assert np.array_equal(*found) == (cameras == 1)
+
+
+def _seated_error_m(*, there):
+    """Largest error of knees and ankles after a few frames on a chair that is in no image of the empty room [m]."""
+    scene = silhouette_scene("sits", seed=3, size_px=(322, 243), fps=50, seconds=0.2)
+    names = list(scene.rig.cameras)
+    tracker = BodyFitter(scene.mesh, scene.rig)
+    tracker.start(scene.pose(0), -20_000_000, there=there)
+    for _ in range(3):
+        tracker.learn_background(dict(zip(names, scene.background(), strict=True)))
+    for k in range(6):
+        found = tracker.update(dict(zip(names, scene.images(k), strict=True)), k * 20_000_000)
+    error = np.linalg.norm(found.landmarks - scene.landmarks(5), axis=1)
+    return max(error[k] for k, name in enumerate(scene.mesh.landmarks) if name.endswith(("knee", "ankle")))
+
+
+@pytest.mark.slow
+def test_legs_are_not_fitted_to_a_chair_that_came_after_the_room_was_learnt():
+    assert _seated_error_m(there=True) < 0.05
+    assert _seated_error_m(there=False) > 0.1, "the fault that the test must show"

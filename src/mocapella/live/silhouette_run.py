@@ -24,7 +24,7 @@ from mocapella.sensing.outline_picture import Outlines, outlined
 from mocapella.sources.frame_set import FrameSet
 from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.image_arrivals import arrivals_of
-from mocapella.tracker.silhouette_views import SeenBody
+from mocapella.tracker.silhouette_views import SeenBody, unsupported
 from mocapella.tracker.silhouettes import SilhouettesTracker
 
 UInt8 = NDArray[np.uint8]
@@ -199,6 +199,7 @@ class SilhouetteRun:
             overlap={camera: seen.overlap for camera, seen in fit.seen.items()},
             left_out=fit.left_out,
             lost=one.lost,
+            unsupported=unsupported(fit, tuple(mesh.landmarks)),
         )
 
     def note(self, text: str) -> None:

@@ -59,13 +59,14 @@ class BodyStatistics:
     Attributes:
         frames: number of frames.
         lost: number of frames in which the body was lost.
+        unsupported: number of frames in which no image shows a joint, by its name.
         left_out: number of frames with an unused or missing image, by camera.
         overlaps: intersection over union of the model's and the image's silhouettes, by camera.
     """
 
     def __init__(self) -> None:
         self.frames = self.lost = 0
-        self.left_out = Counter[str]()
+        self.left_out, self.unsupported = Counter[str](), Counter[str]()
         self.overlaps: dict[str, BinnedValues] = {}
 
     def add(self, row: FollowedFrame) -> None:
@@ -73,6 +74,7 @@ class BodyStatistics:
         self.frames += 1
         self.lost += row.lost
         self.left_out.update(row.left_out.keys())
+        self.unsupported.update(row.unsupported)
         for camera, overlap in row.overlap.items():
             self.overlaps.setdefault(camera, BinnedValues(STEP)).add(overlap)
 
@@ -86,5 +88,6 @@ class BodyStatistics:
             "frames": self.frames,
             "lost": self.lost,
             "left_out": dict(self.left_out),
+            "unsupported": dict(self.unsupported),
             "median_overlap": None if median is None else round(median, 4),
         }

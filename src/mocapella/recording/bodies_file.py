@@ -44,6 +44,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost; the pose is then the last known one, or at first the initial one.
+        unsupported: names of the joints that no image shows; they are predicted, not measured.
     """
 
     frame: int
@@ -54,6 +55,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     overlap: dict[str, float]
     left_out: dict[str, str]
     lost: bool = False
+    unsupported: tuple[str, ...] = ()
 
     def pose(self, joint_names: Sequence[str]) -> TreePose:
         """Return the pose for a body model with the named joints; a joint that the file lacks has angle 0."""
@@ -71,6 +73,7 @@ def frame_of(
     overlap: Mapping[str, float],
     left_out: Mapping[str, str],
     lost: bool,
+    unsupported: Sequence[str] = (),
 ) -> FollowedFrame:
     """Return a body's pose in one frame in the form of the file.
 
@@ -83,13 +86,14 @@ def frame_of(
         overlap: intersection over union of the model's and the image's silhouettes, by camera; rounded to 4 decimals.
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost.
+        unsupported: names of the landmarks that no image shows.
     """
     twist = tuple(float(x) for x in log_motion(pose.T_world_model))
     angles = dict(zip(joint_names, pose.angles.tolist(), strict=True))
     joints = {name: tuple(at.tolist()) for name, at in landmarks.items()}
     return FollowedFrame(
         frame, time_s, twist, angles, joints,  # type: ignore[arg-type]
-        {name: round(float(value), 4) for name, value in overlap.items()}, dict(left_out), lost,
+        {name: round(float(value), 4) for name, value in overlap.items()}, dict(left_out), lost, tuple(unsupported),
     )  # fmt: skip
 
 

@@ -87,6 +87,10 @@ class MemorySettings:
 
 
 DEFAULT = MemorySettings()
+BEHIND_STEPS = 12
+"""Margin around a thing within which the background behind and beside a person is unknown [samples]."""
+LEAST_THING = 20
+"""Least size of the part of a thing that is not near the person [samples]."""
 
 NOISIER = 2.0
 """An image whose noise exceeds this many initial standard deviations of a sample counts as changed everywhere."""
@@ -172,6 +176,53 @@ class BackgroundMemory:
             _NO_MASK if others is None else others, begin, end, s.window_images, s.rate, self._first_sd, self._samples,
         )  # fmt: skip
         self._learnt = self._learnt or bool(self._count.any())
+
+    def forget_things(self, image: UInt8, person: Silhouette, others: Bool | None = None) -> int:
+        """Forget the background where things stand that came after it was learnt; return the number of samples.
+
+        Such a thing is a region of changed samples that reaches farther from the person than ``guard_steps``. Its
+        shadow is one, too. The region is forgotten up to the person, and also behind the person's `BEHIND_STEPS` next
+        to it, where the thing may continue. `update` learns it anew where no person is near.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8, with the person at a known pose.
+            person: the person's silhouette, aligned as in `update`.
+            others: (height, width) bool, True on other people, whose samples stay; None: no others.
+
+        Raises:
+            InputError: an image of another size than the first, or a window that is not aligned.
+        """
+        import cv2
+
+        image, (left, top), phi = self._door(image, person)
+        if not self._learnt:
+            return 0
+        k = _kernels()
+        score, bounds = np.zeros(self._count.shape, np.float32), self._bounds()._replace(darkest=1.0)
+        k.strange(image, self.step_px, 0, 0, 1, bounds, self._samples, score)
+        covered, near = np.zeros(score.shape, np.bool_), np.zeros(score.shape, np.bool_)
+        rows, columns = score.shape
+        a, b = max(-top, 0), max(-left, 0)
+        part = phi[a : max(rows - top, 0), b : max(columns - left, 0)]
+        window = np.s_[top + a : top + a + part.shape[0], left + b : left + b + part.shape[1]]
+        covered[window], near[window] = part > 0, part >= -self.settings.guard_steps * self.step_px
+        if others is not None:
+            taken = others[:: self.step_px, :: self.step_px]
+            covered |= taken
+            near |= taken
+        changed = cv2.morphologyEx((score > 0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        changed[covered] = 0
+        _, labels = cv2.connectedComponents(changed)
+        far = np.bincount(labels[~near], minlength=labels.max() + 1) >= LEAST_THING
+        far[0] = False
+        things = far[labels]
+        side = np.ones((2 * BEHIND_STEPS + 1,) * 2, np.uint8)
+        forgotten = (cv2.dilate(things.astype(np.uint8), side) > 0) & (covered | near)
+        forgotten |= things
+        if others is not None:
+            forgotten &= ~taken
+        self._count[forgotten] = 0
+        return int(np.count_nonzero(forgotten))
 
     def unlike(self, image: UInt8, person: Silhouette | None) -> float:
         """Return the share of known samples away from people that have changed, 0 to 1; NaN if there are none.

@@ -47,20 +47,21 @@ class BodiesFitter:
         self.others: dict[str, dict[str, Bool]] = {}
         self._followed: set[str] = set()
 
-    def start(self, name: str, pose: TreePose, time_ns: int) -> None:
+    def start(self, name: str, pose: TreePose, time_ns: int, *, there: bool = False) -> None:
         """Begin or restart the tracking of a body at an approximate pose, at rest; a restart keeps its backgrounds.
 
         Args:
             name: name of the body.
             pose: approximate pose of the body.
             time_ns: time of the pose, on the common clock.
+            there: whether the person is certainly there, see `BodyFitter.start`.
 
         Raises:
             SettingsError: no body has that name, or no camera sees it there at its first start.
         """
         if name not in self.fitters:
             raise SettingsError(f"there is no body {name!r}; known: {one_of(name, self.fitters)}")
-        self.fitters[name].start(pose, time_ns)
+        self.fitters[name].start(pose, time_ns, there=there)
         self._followed.add(name)
 
     def stop(self, name: str) -> None:

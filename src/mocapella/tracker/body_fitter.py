@@ -34,6 +34,7 @@ from mocapella.sensing.dead_images import DeadImages
 from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
 from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
+from mocapella.tracker.limb_support import LimbSupport
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
@@ -61,6 +62,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
         seen: contour and model outline, by camera whose image was used. Empty: the pose is the predicted one.
         left_out: the reason why an image was rejected, by camera. A camera may be in neither, because it gave no image
             or the body is outside.
+        supported: (n,) bool, whether images support each landmark (`limb_support.py`); None: unknown.
     """
 
     time_ns: int
@@ -68,6 +70,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
     landmarks: Float64
     seen: Mapping[str, SeenIn]
     left_out: Mapping[str, str]
+    supported: Bool | None = None
 
 
 class BodyFitter:
@@ -89,6 +92,7 @@ class BodyFitter:
         self.settings = settings or SilhouetteSettings()
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
+        self._support = LimbSupport(mesh)
         self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
@@ -99,8 +103,8 @@ class BodyFitter:
         self._past: list[tuple[int, TreePose]] = []
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
-        self._missed = False
-        self._as_expected = False
+        self._missed = self._as_expected = self._there = False
+        self._hidden = np.zeros(len(self._usual), np.bool_)
         if self._limb_recovery is not None:
             self._limb_recovery.reset()
 
@@ -111,12 +115,13 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected]
+        state = [self._past, self._missed, self._as_expected, self._there, self._hidden]
         return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
-        (self._past, self._missed, self._as_expected), dead, surface, limbs, cameras = memory
+        state, dead, surface, limbs, cameras = memory
+        self._past, self._missed, self._as_expected, self._there, self._hidden = state
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
@@ -128,7 +133,7 @@ class BodyFitter:
         for name, camera in self._cameras.items():
             camera.recall(cameras[name])
 
-    def start(self, pose: TreePose, time_ns: int) -> None:
+    def start(self, pose: TreePose, time_ns: int, *, there: bool = False) -> None:
         """Begin to track from an approximate pose, without motion.
 
         Called again, for a lost body, it restarts there and keeps the cameras' strides and backgrounds.
@@ -136,11 +141,14 @@ class BodyFitter:
         Args:
             pose: the approximate pose.
             time_ns: time of the pose, on the common clock; before that of the next frame.
+            there: whether the person is certainly there: then whatever else differs from the learnt background in the
+                next frame is a thing that came later, such as a chair, and no evidence of the body.
 
         Raises:
             SettingsError: no camera sees the body there, at the first start.
         """
-        self._past, self._missed, self._as_expected = [(time_ns, pose)], False, False
+        self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
+        self._hidden = np.zeros(len(self._usual), np.bool_)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
@@ -224,6 +232,10 @@ class BodyFitter:
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
+        if self._there:
+            for name in (name for name in usable if name in there):
+                there[name].forget_things(usable[name], others.get(name))
+            self._there = not usable
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
@@ -242,11 +254,12 @@ class BodyFitter:
             self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
             priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
             pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
-        stands, seen = self.body.standing(pose), {}
+        stands, seen, evidence = self.body.standing(pose), {}, []
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
                 seen[name] = camera.seen()
+                evidence.append(camera.support())
                 camera.learn(images[name], others.get(name))
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
@@ -254,7 +267,9 @@ class BodyFitter:
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
             self._surface.learn(stands)
         self._missed = not seen
-        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out)
+        supported = self._support.supported(stands.landmarks, evidence)
+        self._hidden = self._support.hidden_joints(supported)
+        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported)
 
     def _fitted(
         self,
@@ -338,7 +353,9 @@ class BodyFitter:
         """Return the prior of usual angles, and the priors of smooth motion."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
-        usual = Prior(TreePose(expected.T_world_model, self._usual), 0.0, 0.0, weak)
+        # A limb that no image shows comes to rest where it is: a seated person's legs are not drawn to a stand.
+        centre = np.where(self._hidden, self._past[-1][1].angles, self._usual)
+        usual = Prior(TreePose(expected.T_world_model, centre), 0.0, 0.0, weak)
         if s.steadiness is None or len(self._past) < 2:
             return usual, ()
         (before_ns, _), (last_ns, last) = self._past

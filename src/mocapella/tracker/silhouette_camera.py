@@ -21,6 +21,7 @@ from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
 from mocapella.sensing.region_contour import RegionSettings, region_contour
+from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Float64 = NDArray[np.float64]
@@ -170,6 +171,16 @@ class SilhouetteCamera:
         self.background.reset()
         self.usually = Usually()
 
+    def forget_things(self, image: UInt8, others: Bool | None) -> None:
+        """Forget the background where things came after it was learnt; the body is where it was `look`-ed for.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, where the background stays; None for none.
+        """
+        if self.background is not None and self._outline is not None:
+            self.background.forget_things(image, self._expected(), others)
+
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """Segment the image, with the body's projected outline of `look` as a prior, and keep the contour.
 
@@ -203,6 +214,14 @@ class SilhouetteCamera:
         assert self._found is not None
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
+
+    def support(self) -> OutlineEvidence:
+        """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
+        assert self._outline is not None
+        assert self._found is not None
+        contour, surety = self._found
+        lengths = np.linalg.norm(self._outline.normals, axis=1) * self._outline.depth / self._eye.lens[0]
+        return OutlineEvidence(self._outline, evidence_at(self._outline, contour.phi, surety), lengths)
 
     def shows_all(self, vertices: Float64) -> bool:
         """Return whether all vertices (n, 3) of a body in the world [m] are within the image."""

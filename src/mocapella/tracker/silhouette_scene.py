@@ -38,8 +38,8 @@ class BodyScenes:
     def tracked(self, seen: Mapping[str, SeenBody], *, looked_for: bool = True) -> tuple[TrackedBody, ...]:
         """Return the bodies of one frame as scene parts, in the order of ``bodies``.
 
-        A landmark is tracked if it is inside the image of a camera that was used for the body, else inferred; all of a
-        lost body are inferred.
+        A landmark is tracked if it is inside the image of a camera that was used for the body and images support it
+        (`limb_support.py`), else inferred; all of a lost body are inferred.
 
         Args:
             seen: all bodies in this frame, by name.
@@ -71,6 +71,8 @@ class BodyScenes:
             at = seen_at(landmarks, eye)
             inside = ((at >= -0.5) & (at < np.array(eye.size_px) - 0.5)).all(axis=1)
             states[inside] = JointState.TRACKED
+        if looked_for and one.fit.supported is not None:
+            states[~one.fit.supported] = JointState.INFERRED
         return states
 
     def _view(self, name: str, camera: str, one: SeenBody) -> TrackedBodyView:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -64,6 +64,13 @@ def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str,
             union = np.logical_or.reduce([mask.mask(placed.camera.size_px) for mask in masks])
             out[name] = Silhouette((0, 0), 1, union.astype(np.float32) - np.float32(0.5))
     return out
+
+
+def unsupported(fit: FittedBody, landmarks: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a fitted body's ``landmarks`` that no image supports; empty if that is unknown."""
+    if fit.supported is None:
+        return ()
+    return tuple(name for name, has in zip(landmarks, fit.supported.tolist(), strict=True) if not has)
 
 
 def called(name: str) -> str:

@@ -35,9 +35,11 @@ from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import REMEMBERED as FITTER_REMEMBERED
 from mocapella.tracker.body_presence import REMEMBERED as PRESENCE_REMEMBERED
 from mocapella.tracker.body_presence import SilhouettePresence
+from mocapella.tracker.body_size import size_doubt
 from mocapella.tracker.frame_sync import REMEMBERED as SYNC_REMEMBERED
 from mocapella.tracker.frame_sync import FrameSync, FrameSyncSettings, SyncedFrames
 from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.limb_support import SupportConditions
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerNote, TrackerReport, scene_at
 from mocapella.tracker.rig_check import RigCheck
@@ -98,6 +100,9 @@ class SilhouettesTracker:
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
         self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
+        self._support = SupportConditions({name: tuple(body.mesh.landmarks) for name, body in bodies.items()})
+        sizes = [size_doubt(body.mesh, f"{name}'s" if name else "the body's") for name, body in bodies.items()]
+        self._sizes = [said for said in sizes if said]
         self._room = EmptyRoomLearning(empty_room_s)
         self._scenes = BodyScenes(self.bodies, {name: eye(placed) for name, placed in rig.cameras.items()})
         self._places = tuple(
@@ -127,6 +132,7 @@ class SilhouettesTracker:
         self._fitters.reset()
         self._presence.reset()
         self._conditions.reset()
+        self._support.reset()
         self._rig_check.reset()
         self._room.reset()
         self._newest: dict[str, tuple[int, int]] = {}
@@ -184,7 +190,7 @@ class SilhouettesTracker:
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:
-        return self._sync, self._fitters, self._presence, self._conditions, self._rig_check, self._room
+        return self._sync, self._fitters, self._presence, self._conditions, self._support, self._rig_check, self._room
 
     def update(self, arrival: Arrival) -> Scene:
         """Process one image and return the scene: the bodies of the last complete set of images.
@@ -269,6 +275,12 @@ class SilhouettesTracker:
         }
         bodies, who = self._presence.update(number, found, images)
         said += who + self._conditions.update(number, bodies)
+        supported = {
+            name: one.fit.supported
+            for name, one in bodies.items()
+            if one.fit.supported is not None and one.fit.seen and not one.lost
+        }
+        said += self._support.update(number, time_ns, supported)
         if not self._presence.lost:
             fits = {name: one.fit for name, one in bodies.items()}
             said += self._rig_check.update(fits, images, self._presence.empty)
@@ -289,12 +301,13 @@ class SilhouettesTracker:
             for camera in self.rig.cameras
             if camera not in seen_by
         ]
+        said += self._sizes
         return said + (unknown_room(self.rig.cameras, self._filmed) if self._filmed else [])
 
     def _start(self, time_ns: int) -> None:
         """Set all bodies to their initial poses at a time."""
         for name, body in self.bodies.items():
-            self._fitters.start(name, body.pose, time_ns)
+            self._fitters.start(name, body.pose, time_ns, there=not self._waiting)
             self._presence.start(name, body.pose, time_ns)
 
     def _stand(self) -> TrackerState:
@@ -304,7 +317,7 @@ class SilhouettesTracker:
             missing = len(self.rig.cameras) - len(self._sync.heard)
             return TrackerState(Phase.WAITING_FOR_SENSORS, missing, reason=self._reason)
         lost = [f"{called(name)} is in no camera's image" for name in self._presence.lost]
-        clauses = (*self._rig_check.said, *self._conditions.lasting, *lost)
+        clauses = (*self._sizes, *self._rig_check.said, *self._conditions.lasting, *self._support.lasting, *lost)
         return TrackerState(Phase.TRACKING, reason="; ".join(clause.replace("; ", ", ") for clause in clauses))
 
     def _scene(self, arrival: Arrival) -> Scene:
@@ -312,7 +325,7 @@ class SilhouettesTracker:
         return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
 
 
-_FORMAT: Final = "silhouettes 2"
+_FORMAT: Final = "silhouettes 3"
 _OWN_MEMORY: Final = (
     *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
     "_state",

@@ -1,4 +1,4 @@
-"""Motions of bodies with 26 degrees of freedom: knee bends, running, walking, a cartwheel, a flick-flack.
+"""Motions of bodies with 26 degrees of freedom: knee bends, running, walking, a cartwheel, a flick-flack, sitting.
 
     motion = body_motion("cartwheel", mesh)
     motion.pose(0.7)
@@ -335,6 +335,16 @@ def _walk(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
     return _strides(keys, period, seconds, arm=20.0 * wide, elbow=22.0, still=still, above=lambda _: 0.0), True
 
 
+def _sits(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    period, bend = rng.uniform(3.0, 4.5), rng.uniform(2.0, 7.0)
+    still: Mapping[str, float] = {
+        "hip": rng.uniform(82.0, 90.0), "open": rng.uniform(4.0, 12.0), "knee": rng.uniform(80.0, 92.0),
+        "bend": bend, "elbow": 62.0, **_forwards(32.0),
+    }  # fmt: skip
+    sways = {"bend": bend + 1.5, "right elbow": 70.0, "lean": 1.0}
+    return _cycle([(0.0, {**still, "lean": 0.0}), (0.5, sways)], period, seconds), False
+
+
 def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
     slow, wide = rng.uniform(0.95, 1.15), rng.uniform(26.0, 31.0)
     stand: Mapping[str, float] = {"raise": -36.0, "open": 4.0, "elbow": 6.0, "roll": 0.0, "lean": 0.0, "knee": 2.0,
@@ -389,4 +399,5 @@ _MOTIONS: Final[dict[str, tuple[Callable[[float, np.random.Generator], tuple[lis
     "walk": (_walk, 2.4),
     "cartwheel": (_cartwheel, 3.6),
     "flick-flack": (_flick_flack, 3.6),
+    "sits": (_sits, 4.0),
 }

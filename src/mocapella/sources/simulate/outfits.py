@@ -220,3 +220,12 @@ def _zone(part: str, at: dict[str, Float64], outfit: Outfit, which: tuple[int, .
     ends = (ends + [np.inf] * 4)[:4]
     filled = (worn + [worn[-1]] * 5)[:5]
     return [*origin, *direction, float(len(worn)), *ends, *map(float, filled), *plane, behind]
+
+
+def plain_clothes(mesh: RiggedMesh, cloth: Garment) -> Clothes:
+    """Cover a whole mesh, such as a chair, with one material."""
+    row = [PATTERNS.index(cloth.pattern), *cloth.colour, *cloth.second, cloth.size_m, 0, cloth.shine]
+    zone = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, *[np.inf] * 4, *[0.0] * 5, *[0.0] * 4, _NO_MATERIAL]
+    parts = mesh.bones[mesh.faces[:, 0], 0].astype(np.int32)
+    zones = np.array([zone] * len(mesh.part_names))
+    return Clothes(parts, zones, np.empty((0, 5)), np.array([row], np.float64))

@@ -33,6 +33,7 @@ from mocapella.sources.simulate.body_motion import BodyMotion, body_motion, moti
 from mocapella.sources.simulate.body_paint import Covered, Layer, LitBodies, cell_m, covered, make_cast, painted, stand
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.hand_scene import SimulatedCamera
+from mocapella.sources.simulate.later_things import LaterThing, seated_things
 from mocapella.sources.simulate.outfits import Outfit, dressed, make_outfit
 
 Float32 = NDArray[np.float32]
@@ -50,6 +51,10 @@ _FILLED: Final = 0.94
 _HEIGHT_M: Final[dict[Sex, tuple[float, float]]] = {"male": (1.77, 0.06), "female": (1.65, 0.055)}
 """Mean and standard deviation of people's heights [m]."""
 _TABLE: Final = 1 << 17
+SEATED: Final = "sits"
+"""Motion of people who sit on chairs that are not in the empty room, with bags and masks."""
+DARK: Final = "print"
+"""Outfit of seated people unless another is named: dark trousers."""
 
 
 @dataclass(frozen=True)
@@ -96,21 +101,24 @@ class SilhouetteScene:
         times_s: (frames,) capture times of the images since the motion's start [s].
         look: exposure and noise of the cameras.
         corruption: corruption of the images; None for none.
+        things: things that are not in the images of `background`.
     """
 
     def __init__(
         self, name: str, seed: int, *, meshes: Sequence[RiggedMesh], outfits: Sequence[Outfit],
         motions: Sequence[BodyMotion], backdrop: Backdrop, rig: CameraRig, times_s: Float64, look: CameraLook,
-        corruption: Corruption | None,
+        corruption: Corruption | None, things: Sequence[LaterThing] = (),
     ) -> None:  # fmt: skip
         self.name, self.seed = name, seed
         self.meshes, self.outfits, self.motions = tuple(meshes), tuple(outfits), tuple(motions)
         self.backdrop, self.rig, self.times_s = backdrop, rig, times_s
-        self.look, self.corruption = look, corruption
+        self.look, self.corruption, self.things = look, corruption, tuple(things)
         clothes = [
             dressed(mesh, outfit, seed + k) for k, (mesh, outfit) in enumerate(zip(meshes, outfits, strict=True))
         ]
-        self._cast = make_cast(self.meshes, clothes)
+        self._cast = make_cast(
+            [*self.meshes, *(thing.mesh for thing in things)], [*clothes, *(thing.clothes for thing in things)]
+        )
         self._placed = list(rig.cameras.values())
         phase = np.random.default_rng([seed, 41]).uniform(0, 2 * math.pi)
         flicker = np.random.default_rng([seed, 42]).normal(0, 1, len(times_s))
@@ -163,14 +171,18 @@ class SilhouetteScene:
 
         They state whether each pixel's centre shows a person, at the middle of the exposure and without `corruption`.
         """
-        return [covered.people >= 0 for covered in self.covered(k)]
+        count = len(self.meshes)
+        return [(covered.people >= 0) & (covered.people < count) for covered in self.covered(k)]
 
     def covered(self, k: int) -> list[Covered]:
-        """Return the ground truth of all cameras in the frame of index k: person, part and depth at pixels' centres."""
+        """Return the ground truth of all cameras in the frame of index k: person, part and depth at pixels' centres.
+
+        The `things` follow the people: the index of the first is the number of people.
+        """
         return [covered(self._stage(k), placed) for placed in self._placed]
 
     def background(self, k: int = 0) -> list[UInt8]:
-        """Return images (height, width, 3) uint8 BGR of the empty room for all cameras, without corruption.
+        """Return images (height, width, 3) uint8 BGR of the empty room of all cameras, without `things` and corruption.
 
         Their brightness is that of frame k; their noise is their own.
         """
@@ -188,6 +200,7 @@ class SilhouetteScene:
 
     def _stage_at(self, at_s: float) -> LitBodies:
         bodies = [posed(mesh, motion.pose(at_s)) for mesh, motion in zip(self.meshes, self.motions, strict=True)]
+        bodies += [thing.vertices(at_s) for thing in self.things]
         return stand(self._cast, np.concatenate(bodies), self.backdrop.light)
 
     def _developed(self, layer: Layer, stage: LitBodies | None, k: int, camera: int) -> UInt8:
@@ -253,10 +266,14 @@ def silhouette_scene(
     eyes = [inverse(placed.T_camera_world)[:3, 3] for placed in rig.cameras.values()]
     backdrop = make_backdrop(seed, max(4.9, float(np.abs(eyes).max()) + _BEHIND_M))
     colours = _room_colours(backdrop)
-    outfits = [make_outfit(outfit, seed + 100 * person, colours) for person in range(people)]
+    worn, things = outfit, list[LaterThing]()
+    if name == SEATED:
+        worn = DARK if outfit is None else outfit
+        things = [one for mesh, motion in zip(meshes, motions, strict=True) for one in seated_things(mesh, motion)]
+    outfits = [make_outfit(worn, seed + 100 * person, colours) for person in range(people)]
     return SilhouetteScene(
         name, seed, meshes=meshes, outfits=outfits, motions=motions, backdrop=backdrop, rig=rig, times_s=times,
-        look=look or CameraLook(), corruption=corruption,
+        look=look or CameraLook(), corruption=corruption, things=things,
     )  # fmt: skip
 
 

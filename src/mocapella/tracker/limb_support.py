@@ -1,0 +1,189 @@
+"""Decide which landmarks of the limbs images support, by the evidence beside the model's outline.
+
+The overlap with the region that was segmented does not tell: where an image says nothing, that region is the model's.
+So the evidence is counted: along the model's outline near a landmark, the image must have its contour there, too, and
+the pixels on both sides must be likelier on their own side than on the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.kinematics.silhouette_fit import Outline
+from mocapella.model.rigged_mesh import RiggedMesh
+from mocapella.model.twist_tree import limbs_of
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+NEAR_M: Final = 0.2
+"""Largest distance of a landmark's evidence from it, along its limb [m]."""
+LEAST_M: Final = 0.12
+"""Least length of outline with evidence, over all cameras, that supports a landmark [m]."""
+LEAST_NATS: Final = 0.25
+"""Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
+BESIDE_STEPS: Final = 1.5
+"""Distance from the outline of the samples that are compared, inwards and outwards [samples]."""
+FITS_STEPS: Final = 2.0
+"""Largest distance of the image's contour from the model's outline [samples]."""
+MOST_NATS: Final = 10.0
+"""Bound of a sample's evidence, for and against [nats]."""
+LASTS_S: Final = 0.5
+"""Duration without support after which it is reported; limbs pass before the body for less [s]."""
+
+
+class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
+    """How clearly one image shows the model's outline.
+
+    Attributes:
+        outline: the model's outline.
+        nats: (n,) evidence for each of its points, of `evidence_at` [nats].
+        lengths_m: (n,) length of the outline that each point represents, on the body [m].
+    """
+
+    outline: Outline
+    nats: Float64
+    lengths_m: Float64
+
+
+class LimbSupport:
+    """Measures which landmarks of one body's limbs the images support.
+
+    Args:
+        mesh: the body's mesh; landmarks that are on no limb, such as hips and shoulders, are not judged.
+        least_nats: least evidence of a point of the outline [nats].
+    """
+
+    def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
+        self._least_nats = least_nats
+        parents, joint_parts = mesh.tree.parents, mesh.tree.joint_parts
+        chains = [parts for _, parts in limbs_of(mesh.tree)]
+        ends = [
+            parts.tolist()
+            for parts in chains
+            if len(parts) > 1 and not np.isin(parents[np.setdiff1d(np.arange(len(parents)), parts)], parts).any()
+        ]
+        of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
+        self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
+        self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
+        self._joint_parts, self._count = joint_parts, len(parents)
+
+    def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
+        """Return whether images support each landmark (n,); True for all that are not judged.
+
+        Args:
+            landmarks: (n, 3) in the world [m].
+            evidence: that of each camera that sees the body.
+        """
+        length = np.zeros(len(landmarks))
+        for one in evidence:
+            sure = one.nats >= self._least_nats
+            points, part, metres = one.outline.points[sure], one.outline.part[sure], one.lengths_m[sure]
+            for k, parts in enumerate(self._parts):
+                if parts:
+                    near = ((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2
+                    length[k] += metres[near & np.isin(part, parts)].sum()
+        judged = np.array([bool(parts) for parts in self._parts], np.bool_)
+        return ~judged | (length >= LEAST_M)
+
+    def hidden_joints(self, supported: Bool) -> Bool:
+        """Return the joints (joints,) that rotate a part none of whose landmarks is ``supported`` (n,)."""
+        with_marks, shown = np.zeros(self._count, np.bool_), np.zeros(self._count, np.bool_)
+        with_marks[self._part] = True
+        shown[self._part[supported]] = True
+        return np.asarray((with_marks & ~shown)[self._joint_parts])
+
+
+def evidence_at(outline: Outline, phi: Float32, surety: Float32) -> Float64:
+    """Return the image's evidence (n,) for each point of a model's outline [nats]; 0 where its contour is elsewhere.
+
+    Args:
+        outline: the model's outline.
+        phi: (rows, columns) signed distance to the image's contour in the outline's window, above 0 inside [px].
+        surety: (rows, columns) log-likelihood ratio of a sample's side of the contour against the other one [nats].
+    """
+    long = np.linalg.norm(outline.normals, axis=1, keepdims=True)
+    unit = outline.normals / np.maximum(long, 1e-9)
+    out = np.zeros(len(outline.at))
+    fits = np.abs(_nearest(phi, outline, outline.at)) <= FITS_STEPS * outline.step_px
+    for side in (-1.0, 1.0):
+        at = outline.at + side * BESIDE_STEPS * outline.step_px * unit
+        out += 0.5 * np.clip(_nearest(surety, outline, at), -MOST_NATS, MOST_NATS)
+    return np.where(fits, out, 0.0)
+
+
+def _nearest(values: Float32, outline: Outline, at: Float64) -> Float32:
+    """Return the value (n,) of the sample nearest to each pixel (n, 2) in the outline's window; 0 outside of it."""
+    column, row = np.rint((at - outline.origin_px) / outline.step_px).astype(np.int64).T
+    inside = (row >= 0) & (row < values.shape[0]) & (column >= 0) & (column < values.shape[1])
+    row, column = np.clip(row, 0, values.shape[0] - 1), np.clip(column, 0, values.shape[1] - 1)
+    return np.where(inside, values[row, column], np.float32(0.0))
+
+
+class SupportConditions:
+    """Reports which landmarks no image has supported for `LASTS_S`, by body.
+
+    Args:
+        landmarks: the names of each body's landmarks, by the body's name.
+    """
+
+    def __init__(self, landmarks: Mapping[str, Sequence[str]]) -> None:
+        self._landmarks = {name: tuple(some) for name, some in landmarks.items()}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._since: dict[tuple[str, str], tuple[int, int]] = {}
+        self._said: dict[str, list[str]] = {}
+
+    def memory(self) -> list[object]:
+        """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
+        return [self._since, self._said]
+
+    def recall(self, memory: Sequence[dict]) -> None:  # type: ignore[type-arg]
+        """Restore the state that `memory` returned, without copying it."""
+        self._since, self._said = memory
+
+    @property
+    def lasting(self) -> Sequence[str]:
+        """The reported conditions that still last, as clauses of a sentence, one for each body."""
+        return [_clause(name, some) for name, some in self._said.items() if some]
+
+    def update(self, number: int, time_ns: int, supported: Mapping[str, Bool]) -> list[str]:
+        """Count a frame; return messages about landmarks that have been without support, or have it again.
+
+        Args:
+            number: number of the frame, for the messages.
+            time_ns: capture time, on the common clock.
+            supported: whether images support each landmark, by the body's name, of the present bodies.
+        """
+        notes: list[str] = []
+        for name, marks in self._landmarks.items():
+            now = supported.get(name)
+            lacking: list[str] = []
+            since = number
+            for mark, has in zip(marks, () if now is None else now.tolist(), strict=now is not None):
+                if has:
+                    self._since.pop((name, mark), None)
+                    continue
+                begun_ns, begun = self._since.setdefault((name, mark), (time_ns, number))
+                if time_ns - begun_ns >= LASTS_S * NS_PER_S:
+                    lacking, since = [*lacking, mark], min(since, begun)
+            before, self._said[name] = self._said.get(name, []), lacking
+            if set(lacking) - set(before):
+                notes.append(f"from frame {since} on: {_clause(name, lacking)}")
+            elif before and not lacking and now is not None:
+                notes.append(f"frame {number}: images show all limbs{f' of {name}' if name else ''} again")
+        return notes
+
+
+def _clause(name: str, marks: Sequence[str]) -> str:
+    whose = f"{name}'s " if name else ""
+    return f"no image shows {whose}{', '.join(marks)}: predicted, not measured"

@@ -1,0 +1,53 @@
+"""Chairs, bags and masks that came after the empty room was filmed."""
+
+import numpy as np
+import pytest
+
+from mocapella.model.body_meshes import body_mesh
+from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.sources.simulate.body_motion import body_motion
+from mocapella.sources.simulate.later_things import boxes, seated_things
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+
+MESH = body_mesh("male", 1.78)
+MOTION = body_motion("sits", MESH, 2.0)
+
+
+def test_a_box_is_closed_and_its_faces_look_outwards():
+    centre, half = np.array([0.3, 1.0, -2.0]), np.array([0.1, 0.2, 0.3])
+    mesh = boxes("box", [(centre, half)], 0.4)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    volume = np.einsum("ni,ni->", a - centre, np.cross(b - centre, c - centre)) / 6
+    assert volume == pytest.approx(8 * half.prod())
+
+
+def test_the_chair_stands_on_the_floor_below_the_hips_and_the_mask_goes_with_the_head():
+    chair, bag, mask = seated_things(MESH, MOTION)
+    at = dict(zip(MESH.landmarks, landmarks_at(MESH, MOTION.pose(0.0)), strict=True))
+    hips = 0.5 * (at["left hip"] + at["right hip"])
+    for thing in (chair, bag):
+        assert thing.vertices(0.0)[:, 1].min() == pytest.approx(0.0, abs=1e-9)
+        assert np.array_equal(thing.vertices(0.0), thing.vertices(1.9))
+    seat = chair.vertices(0.0)
+    assert (np.abs((seat.mean(axis=0) - hips)[[0, 2]]) < 0.3).all()
+    for at_s in (0.0, 1.5):
+        head = landmarks_at(MESH, MOTION.pose(at_s))[list(MESH.landmarks).index("nose")]
+        assert np.linalg.norm(mask.vertices(at_s).mean(axis=0) - head) < 0.2
+
+
+def test_things_are_in_the_images_and_neither_in_the_empty_room_nor_in_the_masks():
+    scene = silhouette_scene("sits", seed=3, size_px=(160, 120), fps=10, seconds=0.3)
+    people = len(scene.meshes)
+    for image, empty, mask, covered in zip(
+        scene.images(0), scene.background(), scene.masks(0), scene.covered(0), strict=True
+    ):
+        thing = covered.people >= people
+        assert np.count_nonzero(thing) > 200
+        assert not (thing & mask).any()
+        assert np.array_equal(mask, (covered.people >= 0) & ~thing)
+        differs = np.abs(image.astype(int) - empty).max(axis=-1) > 20
+        assert differs[thing].mean() > 0.5
+
+
+def test_scenes_of_other_motions_have_no_things():
+    assert silhouette_scene("walk", size_px=(64, 48), fps=10, seconds=0.3).things == ()

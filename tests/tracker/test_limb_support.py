@@ -1,0 +1,113 @@
+"""Which landmarks of the limbs images support."""
+
+import numpy as np
+import pytest
+from support.silhouette_room import Room, bent
+
+from mocapella.conventions import NS_PER_S
+from mocapella.geometry.signed_distance import signed_distance
+from mocapella.kinematics.silhouette_fit import eye, figure, see
+from mocapella.model.rigged_mesh import landmarks_at, posed
+from mocapella.tracker.limb_support import LASTS_S, LimbSupport, OutlineEvidence, SupportConditions, evidence_at
+
+ROOM = Room()
+POSE = bent(ROOM.mesh, {"left knee flexion": 30.0})
+MARKS = tuple(ROOM.mesh.landmarks)
+LEFT_LEG = {"left knee", "left ankle", "left heel", "left toe"}
+
+
+def evidence(nats_of=lambda outline: np.full(len(outline.at), 3.0)):
+    """Evidence of every camera of the room about the body in `POSE`."""
+    body, vertices, found = figure(ROOM.mesh), posed(ROOM.mesh, POSE), []
+    for placed in ROOM.rig.cameras.values():
+        by = eye(placed)
+        outline = see(body, vertices, by)
+        lengths = np.linalg.norm(outline.normals, axis=1) * outline.depth / by.lens[0]
+        found.append(OutlineEvidence(outline, nats_of(outline), lengths))
+    return found
+
+
+def lacking(some):
+    has = LimbSupport(ROOM.mesh, 1.0).supported(landmarks_at(ROOM.mesh, POSE), some)
+    return {name for name, one in zip(MARKS, has.tolist(), strict=True) if not one}
+
+
+def test_all_limbs_are_supported_where_all_of_the_outline_is_clear():
+    assert lacking(evidence()) == set()
+
+
+def test_without_evidence_no_limb_is_supported_and_the_trunk_is_not_judged():
+    some = lacking(evidence(lambda outline: np.full(len(outline.at), 0.9)))
+    assert some == {name for name in MARKS if any(w in name for w in ("elbow", "wrist", "hand", "finger"))} | {
+        name.replace("left", side) for name in LEFT_LEG for side in ("left", "right")
+    }
+
+
+def test_a_leg_without_evidence_in_all_images_is_named_and_one_image_is_enough():
+    leg = [k for k, name in enumerate(ROOM.mesh.part_names) if name in ("left thigh", "left shank", "left foot")]
+    hidden = evidence(lambda outline: np.where(np.isin(outline.part, leg), 0.0, 3.0))
+    assert lacking(hidden) == LEFT_LEG
+    assert lacking([*hidden[1:], evidence()[0]]) == set()
+
+
+@pytest.mark.parametrize("shift", [0, 9, -9])
+def test_evidence_counts_only_where_the_image_has_its_contour_at_the_models(shift):
+    outline = evidence()[0].outline
+    phi = signed_distance(outline.mask, 20.0, outline.step_px) + np.float32(shift)
+    nats = evidence_at(outline, phi, np.full(phi.shape, 3.0, np.float32))
+    assert np.median(nats) == (3.0 if shift == 0 else 0.0)
+
+
+def test_evidence_for_the_other_side_takes_away_from_that_for_this_side():
+    outline = evidence()[0].outline
+    phi = signed_distance(outline.mask, 20.0, outline.step_px)
+    dark_before_dark = np.where(phi > 0, 0.7, -0.7).astype(np.float32)
+    assert np.abs(np.median(evidence_at(outline, phi, dark_before_dark))) < 1e-6
+
+
+def conditions():
+    return SupportConditions({"anna": ("left knee", "left ankle")})
+
+
+def frames(said, supported, begin=0, count=60):
+    return [
+        text
+        for k in range(begin, begin + count)
+        for text in said.update(k, k * NS_PER_S // 50, {"anna": np.array(supported)})
+    ]
+
+
+def test_landmarks_without_support_are_reported_once_they_lack_it_for_long_and_when_they_have_it_again():
+    said = conditions()
+    few = int(LASTS_S * 50)
+    assert frames(said, [True, False], count=few) == []
+    assert said.lasting == []
+    assert frames(said, [True, False], few) == [
+        "from frame 0 on: no image shows anna's left ankle: predicted, not measured"
+    ]
+    assert said.lasting == ["no image shows anna's left ankle: predicted, not measured"]
+    assert frames(said, [True, True], 100) == ["frame 100: images show all limbs of anna again"]
+    assert said.lasting == []
+
+
+def test_a_short_time_without_support_starts_anew_after_an_image_has_shown_the_limb():
+    said = conditions()
+    for begin in (0, 21, 42):
+        assert frames(said, [False, False], begin, 20) == []
+        assert frames(said, [True, True], begin + 20, 1) == []
+
+
+def test_conditions_go_on_from_their_memory():
+    said, other = conditions(), conditions()
+    frames(said, [False, True])
+    other.recall(said.memory())
+    assert other.lasting == said.lasting != []
+
+
+def test_the_joints_of_parts_that_no_image_shows_are_hidden_and_no_others():
+    support = LimbSupport(ROOM.mesh, 1.0)
+    shown = np.array([name not in LEFT_LEG for name in MARKS])
+    hidden = support.hidden_joints(shown)
+    names = {name for name, one in zip(ROOM.mesh.joint_names, hidden.tolist(), strict=True) if one}
+    assert names == {name for name in ROOM.mesh.joint_names if name.startswith(("left hip", "left knee", "left ankle"))}
+    assert not support.hidden_joints(np.ones(len(MARKS), bool)).any()
