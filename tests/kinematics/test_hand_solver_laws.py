@@ -17,8 +17,8 @@ pytestmark = pytest.mark.slow  # compiles the kernels of all solvers
 
 seeds = st.integers(0, 2**32 - 1)
 NAMES = list(SOLVERS)
-REACHED_M = {"fabrik": 0.025, "transpose": 0.002}
-"""Bounds of the solvers that converge slowly, or deadlock; of the others, 0.1 mm."""
+REACHED_M = {"fabrik": 0.03, "transpose": 0.002, "dls": 2e-4}
+"""Bounds of the solvers that converge slowly near straight digits, or deadlock; of the others, 0.1 mm."""
 NEAREST_M = {"fabrik": 0.04, "transpose": 0.002, "pseudo-inverse": 0.03}
 """How much farther from an unreachable target a tip ends than the nearest posture; of the others, 0.2 mm."""
 

@@ -51,7 +51,7 @@ def _spread(row: Float64, f: float, a: float) -> float:
     """Return the abduction within the cone nearest to a, at the flexion f [rad]."""
     share = (min(max(f, row[FMIN]), row[F0] + row[FX]) - row[F0]) / row[FX]
     most = row[AX] * math.sqrt(max(1.0 - share * share, 0.0))
-    return row[A0] + min(max(a - row[A0], -most), most)
+    return float(row[A0] + min(max(a - row[A0], -most), most))
 
 
 @njit(cache=True)
