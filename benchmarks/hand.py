@@ -177,9 +177,8 @@ def one_by_one(name: str, digits: Float64, natural: Float64, tips: Float64) -> C
     k, other, stop = iterative_kernels(), kernels(), IterativeSettings()
     angles, errors = natural.copy(), np.empty(5)
     reached, iterations = np.empty(5, dtype=np.bool_), np.empty(5, dtype=np.int64)
-    kind = {"FABRIK": k.FABRIK, "Jacobian transpose": k.TRANSPOSE, "pseudo-inverse": k.PSEUDO_INVERSE}.get(
-        name, k.DAMPED
-    )
+    kinds = {"fabrik": k.FABRIK, "transpose": k.TRANSPOSE, "pseudo-inverse": k.PSEUDO_INVERSE, "newton": k.NEWTON}
+    kind = kinds.get(name, k.DAMPED)
 
     def solve() -> None:
         for target in tips:
@@ -189,7 +188,7 @@ def one_by_one(name: str, digits: Float64, natural: Float64, tips: Float64) -> C
             else:
                 k.hand_iterative(
                     digits, target, angles, errors, iterations, kind, stop.tolerance_m, stop.most_iterations,
-                    stop.damping_m,
+                    stop.damping_m, stop.starts,
                 )  # fmt: skip
 
     return solve

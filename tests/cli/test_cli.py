@@ -50,6 +50,7 @@ VERBS = [
     ["lab", "evaluate", "simulation"],
     ["lab", "evaluate", "charuco"],
     ["lab", "evaluate", "hands"],
+    ["lab", "evaluate", "hand-solvers"],
     ["lab", "evaluate", "line-skeleton-grid"],
     ["lab", "evaluate", "silhouettes-knee-bend"],
     ["lab", "evaluate", "silhouettes-runner"],

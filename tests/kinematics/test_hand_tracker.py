@@ -11,7 +11,8 @@ from support.kinematic_hands import FULL, LEFT, RIGHT, THESIS, markers, random_a
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.hand_chain import hand_chain, jacobian, landmarks
-from mocapella.kinematics.hand_tracker import HandSettings, HandTracker, base_layout
+from mocapella.kinematics.hand_settings import HandSettings
+from mocapella.kinematics.hand_tracker import HandTracker, base_layout
 from mocapella.model.hand import DIGIT_ANGLES, TIPS, Hand, HandPose, HandShape
 from mocapella.model.observations import JointState
 

@@ -173,6 +173,16 @@ def test_what_is_restored_goes_on_to_the_bit_alike(begun: int) -> None:
     assert later.snapshot() == made.snapshot()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["closed-form", "fabrik", "newton"])
+def test_a_solver_changes_the_hand_and_goes_on_to_the_bit_alike(solver: str) -> None:
+    arrivals = list(watched(0, 12, in_palm=IN_PALM))
+    usual, made, later = tracker(CUBE), tracker(CUBE, solver=solver), tracker(CUBE, solver=solver)
+    assert bits(run(made, arrivals[:10])) != bits(run(usual, arrivals[:10]))
+    later.restore(made.snapshot())
+    assert bits(run(later, arrivals[10:])) == bits(run(made, arrivals[10:]))
+
+
 def test_bytes_that_are_no_snapshot_are_refused() -> None:
     other = make_tracker("stand-still").snapshot()
     for data in (b"", b"\x93\x01", other):
@@ -388,6 +398,7 @@ def test_without_a_rig_the_method_says_what_to_do() -> None:
         ({"base_places_m": ((0.0, 0.0, 0.0),) * 2}, "one place for each of cyan"),
         ({"middle_sd_px": -0.1}, "middle_sd_px"),
         ({"middle_sd_px": np.nan}, "middle_sd_px"),
+        ({"solver": "fabric"}, "one of map, closed-form, .*did you mean fabrik"),
         ({"silent_after_s": 0.0}, "silent_after_s"),
         ({"silent_after_s": 4000.0}, "silent_after_s"),
     ],

@@ -85,6 +85,7 @@ def import_commands() -> None:
         depth_lines,
         doctor,
         evaluate,
+        evaluate_hand_solvers,
         evaluate_silhouettes,
         hand,
         record,

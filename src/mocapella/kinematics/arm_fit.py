@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import rigid
 from mocapella.kinematics.arm_arrays import ArmArrays, FitParameters
+from mocapella.kinematics.hand_settings import HandSettings
 from mocapella.kinematics.hand_solvers import digit_rows
-from mocapella.kinematics.hand_tracker import HandSettings, angle_prior, free_angles
+from mocapella.kinematics.hand_tracker import angle_prior, free_angles
 from mocapella.model.hand import DIGIT_ANGLES, HandModel, HandShape
 from mocapella.settings import check
 

@@ -276,14 +276,29 @@ def _derivatives(row: Float64, x: float, y: float, z: float, v: Float64, g: Floa
 
 
 @njit(cache=True)
-def _descend(
-    row: Float64, x: float, y: float, z: float, v: Float64, low: Float64, high: Float64, work: Float64,
-) -> float:  # fmt: skip
-    """Descend from v (4,) to a local minimum within the bounds, by damped Newton steps, in place; return the energy."""
+def descend(
+    row: Float64, x: float, y: float, z: float, v: Float64, low: Float64, high: Float64, work: Float64, most: int,
+    enough: float,
+) -> tuple[float, int]:  # fmt: skip
+    """Descend to a local minimum within bounds, by Newton steps with exact second derivatives, damped where they rise.
+
+    Args:
+        row: (`DIGIT`,) the digit's parameters.
+        x, y, z: target of the tip, in the digit's frame [m].
+        v: (4,) s, φ, m, b of `_derivatives`; the start, overwritten with the result.
+        low, high: (4,) bounds of v.
+        work: (11 or more, 4) workspace.
+        most: largest number of steps.
+        enough: energy at which the descent stops [m²].
+
+    Returns:
+        Half the squared distance of the tip from the target [m²], and the number of steps.
+    """
     g, H, M, d, t = work[0], work[1:5], work[5:9], work[9], work[10]
     n = 3 if row[COUPLED] > 0.0 else 4
     value, damping = _energy(row, x, y, z, v), 1e-9
-    for _ in range(_NEWTON):
+    steps = 0
+    while steps < most and value > enough:
         _derivatives(row, x, y, z, v, g, H)
         slope, t[3] = 0.0, 0.0
         for i in range(n):
@@ -310,13 +325,23 @@ def _descend(
             damping = max(10.0 * damping, 1e-3)
         if not fell:
             break
+        steps += 1
         gained, value = value - there, there
         damping *= 0.1
         for i in range(n):
             v[i] = d[i]
         if gained < 1e-12 * value + 1e-18:
             break
-    return float(value)
+    return float(value), steps
+
+
+@njit(cache=True)
+def bounds(row: Float64, low: Float64, high: Float64) -> None:
+    """Write the bounds (4,) of s, φ, m and b of `descend`: the cone is a disc of directions, or half of one."""
+    low[0], low[1], low[2], low[3] = 0.0, row[PHI_MIN], 0.0, 0.0
+    high[0], high[1], high[2], high[3] = 1.0, row[PHI_MAX], row[M_MAX], row[B_MAX]
+    if row[FMIN] < row[F0]:
+        low[0] = -1.0
 
 
 @njit(cache=True)
@@ -333,14 +358,11 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
         work: (25, 4) workspace.
     """
     low, high, v, best, starts, values = work[11], work[12], work[13], work[14], work[15:23], work[23:25].reshape(8)
-    low[0], low[1], low[2], low[3] = 0.0, row[PHI_MIN], 0.0, 0.0
-    high[0], high[1], high[2], high[3] = 1.0, row[PHI_MAX], row[M_MAX], row[B_MAX]
+    bounds(row, low, high)
     for k in range(_DIRECTIONS):
         values[k] = math.inf
     bends = 3 if row[COUPLED] == 0.0 else 1
     whole = row[FMIN] < row[F0]
-    if whole:
-        low[0] = -1.0
     directions = 1 if row[AX] == 0.0 else (_DIRECTIONS if whole else 5)
     for k in range(4):
         m = row[M_MAX] * (0.05 + 0.3 * k)
@@ -370,7 +392,7 @@ def limited_search(row: Float64, x: float, y: float, z: float, out: Float64, wor
         for c in range(4):
             v[c] = starts[nearest, c]
         for _ in range(2):
-            value = _descend(row, x, y, z, v, low, high, work)
+            value, _steps = descend(row, x, y, z, v, low, high, work, _NEWTON, 0.0)
             if value < least:
                 least = value
                 for c in range(4):

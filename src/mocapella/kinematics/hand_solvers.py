@@ -1,11 +1,17 @@
 """Inverse kinematics of a hand: from five fingertips to the angles of five digits within their limits.
 
-- `ClosedForm` solves a digit in its plane, and searches for the nearest posture if the target cannot be reached. The
-  tracker uses it.
+- `ClosedForm` solves a digit in its plane, and searches for the nearest posture if the target cannot be reached.
 - `Fabrik`: A. Aristidou, J. Lasenby, "FABRIK: A fast, iterative solver for the Inverse Kinematics problem", Graphical
   Models 73 (2011) 243.
 - `JacobianTranspose`, `PseudoInverse`, `DampedLeastSquares`: S. Buss, "Introduction to Inverse Kinematics with Jacobian
-  Transpose, Pseudoinverse and Damped Least Squares methods" (2004), sections 3 to 6.
+  Transpose, Pseudoinverse and Damped Least Squares methods" (2004), sections 3 to 6. Damped least squares are by
+  C. Wampler, "Manipulator Inverse Kinematic Solutions Based on Vector Formulations and Damped Least-Squares Methods",
+  IEEE Transactions on Systems, Man, and Cybernetics 16 (1986) 93. Joints at their limits are locked as by
+  P. Baerlocher, R. Boulic, "An inverse kinematics architecture enforcing an arbitrary number of strict priority
+  levels", The Visual Computer 20 (2004) 402.
+- `Newton`: J. Nocedal, S. Wright, *Numerical Optimization* (2006), sections 3.4 and 16.7; second derivatives are exact.
+
+`MAP` is the name of none of them: the tracker's own fit (`mocapella.kinematics.hand_tracker`).
 """
 
 from __future__ import annotations
@@ -146,7 +152,7 @@ class ClosedForm(_Solver):
         shape: the hand's side and lengths.
     """
 
-    name = "closed form"
+    name = "closed-form"
 
     def _solve(self, targets: Float64, angles: Float64, errors: Float64, iterations: NDArray[np.int64]) -> None:
         reached = np.empty(5, dtype=np.bool_)
@@ -160,8 +166,9 @@ class IterativeSettings:
 
     Attributes:
         tolerance_m: distance from the target at which a tip has reached it [m].
-        most_iterations: largest number of iterations for a digit.
+        most_iterations: largest number of iterations for a digit from one start.
         damping_m: λ of the damped least squares [m].
+        starts: number of further initial postures to try if the first does not lead to the target.
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -170,11 +177,13 @@ class IterativeSettings:
     tolerance_m: float = 1e-4
     most_iterations: int = 100
     damping_m: float = 0.005
+    starts: int = 4
 
     def __post_init__(self) -> None:
         check(0 < self.tolerance_m < 1, "tolerance_m", self.tolerance_m, "above 0 m")
         check(1 <= self.most_iterations <= 100_000, "most_iterations", self.most_iterations, "1 to 100000")
         check(0 < self.damping_m < 1, "damping_m", self.damping_m, "above 0 m")
+        check(0 <= self.starts <= 4, "starts", self.starts, "0 to 4")
 
 
 class _Iterative(_Solver):
@@ -190,8 +199,9 @@ class _Iterative(_Solver):
         s, k = self.settings, iterative_kernels()
         kind = getattr(k, self.kind)
         k.hand_iterative(
-            self.digits, targets, angles, errors, iterations, kind, s.tolerance_m, s.most_iterations, s.damping_m
-        )
+            self.digits, targets, angles, errors, iterations, kind, s.tolerance_m, s.most_iterations, s.damping_m,
+            s.starts,
+        )  # fmt: skip
 
 
 class Fabrik(_Iterative):
@@ -203,7 +213,7 @@ class Fabrik(_Iterative):
         settings: stopping criteria; its damping is not used. None for the defaults.
     """
 
-    name, kind = "FABRIK", "FABRIK"
+    name, kind = "fabrik", "FABRIK"
 
 
 class JacobianTranspose(_Iterative):
@@ -215,7 +225,7 @@ class JacobianTranspose(_Iterative):
         settings: stopping criteria; its damping is not used. None for the defaults.
     """
 
-    name, kind = "Jacobian transpose", "TRANSPOSE"
+    name, kind = "transpose", "TRANSPOSE"
 
 
 class PseudoInverse(_Iterative):
@@ -239,7 +249,19 @@ class DampedLeastSquares(_Iterative):
         settings: stopping criteria and damping; None for the defaults.
     """
 
-    name, kind = "damped least squares", "DAMPED"
+    name, kind = "dls", "DAMPED"
+
+
+class Newton(_Iterative):
+    """Solver by Newton steps on the squared distance, with exact second derivatives and the limits as bounds.
+
+    Args:
+        model: the hand's joints and limits.
+        shape: the hand's lengths.
+        settings: stopping criteria; its damping is not used. None for the defaults.
+    """
+
+    name, kind = "newton", "NEWTON"
 
 
 @cache
@@ -259,9 +281,13 @@ def iterative_kernels() -> ModuleType:
 
 
 SOLVERS: Final[dict[str, Callable[[HandModel, HandShape], HandSolver]]] = {
-    solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares)
+    solver.name: solver for solver in (ClosedForm, Fabrik, JacobianTranspose, PseudoInverse, DampedLeastSquares, Newton)
 }
 """The solvers' constructors by name."""
+MAP: Final = "map"
+"""Name of the tracker's own fit of palm and angles: maximum a posteriori, with priors and a prediction."""
+SOLVER_NAMES: Final = (MAP, *SOLVERS)
+"""Valid values of the setting ``solver``."""
 
 
 def hand_solver(name: str, model: HandModel, shape: HandShape) -> HandSolver:

@@ -2,12 +2,13 @@
 
 The *base* is the back of the hand with the wrist; its markers move with the palm. Three or more of them measure the
 palm's pose; with fewer it comes from the fit. A prior supplies what markers do not determine: the posture at rest,
-fingers that follow their neighbours, and the motion so far. `hand_fit_kernels` describes the cost function.
+fingers that follow their neighbours, and the motion so far. `hand_fit_kernels` describes the cost function. A solver of
+`hand_solvers` can take the place of the fit for the digits whose tips are seen; the palm is always that of the fit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 from typing import Any, Final
@@ -15,11 +16,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, one_of
 from mocapella.geometry.alignment import align, moments
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.kinematics.hand_chain import hand_chain, palm_landmarks
-from mocapella.kinematics.hand_solvers import ClosedForm
+from mocapella.kinematics.hand_settings import HandReport, HandSettings
+from mocapella.kinematics.hand_solvers import MAP, SOLVER_NAMES, ClosedForm, Fingers, hand_solver
 from mocapella.model.hand import ANGLES, DIGIT_ANGLES, DIGITS, LANDMARKS, TIPS, Hand, HandModel, HandShape
 from mocapella.model.observations import JointState
 from mocapella.settings import check
@@ -33,90 +35,6 @@ _DOUBTFUL: Final = 4.0
 """Distance of a marker from the fit, in standard deviations, above which another start is tried, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 """Flexion of the fingers' first and second joints in the initial postures of an acquisition [°]."""
-
-
-@dataclass(frozen=True)
-class HandSettings:
-    """Priors of a hand's posture and motion, and thresholds for outliers and tracking states.
-
-    Attributes:
-        marker_sd_m: standard deviation of a marker's coordinate if the markers' source gives none [m].
-        flexion_sd_deg: standard deviation of the flexion of the fingers' first and second joints about the posture at
-            rest; larger: the posture at rest counts less [°].
-        abduction_sd_deg: standard deviation of the abduction of the fingers, and of the thumb's second joint, about the
-            posture at rest; larger: the posture at rest counts less [°].
-        thumb_sd_deg: standard deviation of the thumb's flexions, and of its first joint's abduction, about the posture
-            at rest; larger: the posture at rest counts less [°].
-        coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
-            it is free; larger: it follows the second joint less [°].
-        angle_rate_deg_s: growth of a predicted angle's standard deviation per second; larger: less lag, more jitter
-            [°/s].
-        palm_rate_m_s: growth of the standard deviation of the palm's predicted position per second; larger: less lag,
-            more jitter [m/s].
-        palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second; larger: less
-            lag, more jitter [°/s].
-        velocity_memory_s: time constant of the decay of velocities while no marker is seen; measured velocities are
-            smoothed with half of it; larger: the motion is extrapolated farther, and changes later [s].
-        outlier_sd: distance from the fitted hand above which a marker is rejected, the farthest first, at most two in a
-            frame; larger: fewer are rejected [standard deviations].
-        tracked_sd_m: a landmark is tracked if its standard deviation from the present markers alone is at most this;
-            larger: fewer landmarks are inferred [m].
-        forget_after_s: time without markers after which the hand is forgotten [s].
-        most_iterations: largest number of iterations of a fit; larger: more accurate after sudden motion, at more work
-            [iterations].
-
-    Raises:
-        SettingsError: a value is invalid; names it and the valid values.
-    """
-
-    marker_sd_m: float = 0.001
-    flexion_sd_deg: float = 60.0
-    abduction_sd_deg: float = 8.0
-    thumb_sd_deg: float = 20.0
-    coupling_sd_deg: float = 12.0
-    angle_rate_deg_s: float = 200.0
-    palm_rate_m_s: float = 0.4
-    palm_rate_deg_s: float = 90.0
-    velocity_memory_s: float = 0.3
-    outlier_sd: float = 8.0
-    tracked_sd_m: float = 0.015
-    forget_after_s: float = 0.5
-    most_iterations: int = 20
-
-    def __post_init__(self) -> None:
-        for name in ("marker_sd_m", "palm_rate_m_s", "tracked_sd_m", "velocity_memory_s", "forget_after_s"):
-            check(0 < getattr(self, name) < 1e3, name, getattr(self, name), "above 0, below 1000")
-        for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg"):
-            check(0 < getattr(self, name) <= 360, name, getattr(self, name), "above 0, at most 360")
-        for name in ("angle_rate_deg_s", "palm_rate_deg_s"):
-            check(0 < getattr(self, name) < 1e5, name, getattr(self, name), "above 0")
-        check(self.outlier_sd >= 1, "outlier_sd", self.outlier_sd, "1 or more")
-        check(1 <= self.most_iterations <= 1000, "most_iterations", self.most_iterations, "1 to 1000")
-
-
-@dataclass
-class HandReport:
-    """Counts of frames and markers.
-
-    Attributes:
-        frames: number of frames.
-        fitted: number of frames with a hand fitted to markers.
-        predicted: number of frames with a hand that is only predicted.
-        lost: number of frames without a hand.
-        found: number of times the hand was acquired or re-acquired.
-        markers: sum over all frames of the number of markers seen.
-        rejected: number of rejections of each marker as an outlier: fingertips, then the base's.
-        missing: number of frames without each marker, in the same order.
-    """
-
-    frames: int = 0
-    fitted: int = 0
-    predicted: int = 0
-    lost: int = 0
-    found: int = 0
-    markers: int = 0
-    rejected: list[int] = field(default_factory=list)
-    missing: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,17 +58,26 @@ class HandTracker:
         base_markers: (k, 3) positions of the base's markers in the palm's frame of a right hand, k ≥ 1; of a left hand,
             mirrored [m].
         settings: priors and thresholds; the defaults if None.
+        solver: one of `SOLVER_NAMES`: ``map`` fits palm and angles together; another takes the palm of that fit, and
+            solves the angles of the digits whose tips are seen. Standard deviations are always those of the fit.
 
     Attributes:
         report: counts since the tracker was made or reset, updated in place.
+        fingers: what the solver found last; None for ``map``, and before the first hand.
 
     Raises:
-        SettingsError: no base marker, or one farther than 0.5 m from the wrist along an axis.
+        SettingsError: no base marker, or one farther than 0.5 m from the wrist along an axis; no such solver.
     """
 
     def __init__(
-        self, model: HandModel, shape: HandShape, base_markers: Any, settings: HandSettings | None = None
+        self,
+        model: HandModel,
+        shape: HandShape,
+        base_markers: Any,
+        settings: HandSettings | None = None,
+        solver: str = MAP,
     ) -> None:
+        check(solver in SOLVER_NAMES, "solver", solver, f"one of {one_of(solver, SOLVER_NAMES)}")
         layout = np.ascontiguousarray(base_markers, dtype=np.float64)
         good = layout.ndim == 2 and layout.shape[1:] == (3,) and len(layout) >= 1 and (np.abs(layout) < 0.5).all()
         check(bool(good), "base_markers", np.shape(base_markers), "(k, 3), k ≥ 1, each within 0.5 m of the wrist")
@@ -165,11 +92,15 @@ class HandTracker:
         self._c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
         self._mirror = float(shape.mirror[0])
         self._templates = self._poses()
+        self._inverse = None if solver == MAP else hand_solver(solver, model, shape)
+        if self._inverse is not None:  # compiles its kernels before the first frame
+            self._inverse.solve(palm_landmarks(self.chain, model.natural)[list(TIPS)])
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._state: _State | None = None
+        self.fingers: Fingers | None = None
         markers = 5 + len(self.layout)
         self.report = HandReport(rejected=[0] * markers, missing=[0] * markers)
 
@@ -274,6 +205,7 @@ class HandTracker:
         """Fit the hand from its prediction; return it and the information used; None if all markers were rejected."""
         certainty = 1.0 / np.maximum(before.variances, 1e-12)
         fitted, kept = self._without_outliers(before, certainty, points, information)
+        fitted = self._solved(fitted, before.z, points, kept)
         dt = before.at_s - self._state.at_s if self._state is not None else 0.0
         velocity = before.velocity
         if dt > 0 and self._state is not None:
@@ -305,6 +237,7 @@ class HandTracker:
         n = 6 + len(self._mean)
         nothing = _State(at_s, at_s, np.eye(4), self._mean, np.full(n, np.inf), np.zeros(n))
         fitted, kept = self._without_outliers(nothing, np.zeros(n), points, information, starts)
+        fitted = self._solved(fitted, self._mean, points, kept)
         self.report.found += 1
         return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
 
@@ -324,6 +257,22 @@ class HandTracker:
         start = self._angles(z)
         found = self.solver.solve(apply(inverse(T), tips), start)
         return T, found.angles[self._angle_of]
+
+    def _solved(
+        self, fitted: tuple[Float64, Float64], start: Float64, points: Float64, kept: Float64
+    ) -> tuple[Float64, Float64]:
+        """Return a fitted hand with the solver's angles of the digits whose tips are used; unchanged for ``map``."""
+        if self._inverse is None:
+            return fitted
+        T, z = fitted
+        used = kept[:5, 0, 0] > 0
+        angles, begin = self._angles(z), self._angles(start)
+        for digit in np.flatnonzero(used):
+            of = DIGIT_ANGLES[digit][DIGIT_ANGLES[digit] >= 0]
+            angles[of] = begin[of]
+        tips = np.where(used[:, None], points[:5], np.nan)
+        self.fingers = self._inverse.solve(apply(inverse(T), tips), angles)
+        return T, self.fingers.angles[self._angle_of]
 
     def _without_outliers(
         self,

@@ -28,7 +28,9 @@ from mocapella.fusion.marker_rays import MarkerPoints, MarkerRays, MarkerRaysSet
 from mocapella.fusion.object_poses import ObjectPoseSettings
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.grasp import GraspSettings
-from mocapella.kinematics.hand_tracker import HandReport, HandSettings, HandTracker, _State, base_layout
+from mocapella.kinematics.hand_settings import HandReport, HandSettings
+from mocapella.kinematics.hand_solvers import MAP, SOLVER_NAMES
+from mocapella.kinematics.hand_tracker import HandTracker, _State, base_layout
 from mocapella.model.camera import CameraRig
 from mocapella.model.hand import ConstraintSet, Hand, HandShape, hand_model
 from mocapella.model.markers import MarkerFrame
@@ -65,6 +67,9 @@ class HandsSettings:
             camera's own; larger: the prediction counts more, with less jitter and more lag [px].
         constraints: ``full``: 21 joint angles are free; ``thesis``: 15, as each finger's last joint follows the one
             before, and the middle finger and the thumb's second joint do not spread.
+        solver: inverse kinematics of the digits whose tips are seen: ``map`` fits palm and angles together with priors;
+            ``closed-form``, ``fabrik``, ``transpose``, ``pseudo-inverse``, ``dls`` and ``newton`` take the palm of that
+            fit, and bring each tip to its marker.
         rays: tracking of markers.
         fit: fit of the hand.
         smoothing_2d: 1-euro filter of each camera's pixels, before triangulation, with speeds in px/s; None for none.
@@ -90,6 +95,7 @@ class HandsSettings:
     base_places_m: tuple[tuple[float, float, float], ...] = ()
     middle_sd_px: float = 0.4
     constraints: ConstraintSet = "thesis"
+    solver: str = MAP
     rays: MarkerRaysSettings = field(default_factory=MarkerRaysSettings)
     fit: HandSettings = field(default_factory=HandSettings)
     smoothing_2d: OneEuroSettings | None = None
@@ -108,6 +114,7 @@ class HandsSettings:
         check(len(self.base) >= 1, "base", self.base, "at least one marker of the hand's base")
         fits = len(self.base_places_m) in (0, len(self.base))
         check(fits, "base_places_m", self.base_places_m, f"empty, or one place for each of {', '.join(self.base)}")
+        check(self.solver in SOLVER_NAMES, "solver", self.solver, f"one of {one_of(self.solver, SOLVER_NAMES)}")
         check(0 <= self.middle_sd_px <= 100, "middle_sd_px", self.middle_sd_px, "from 0 to 100 px")
         check(0 <= self.tag_sd_px <= 100, "tag_sd_px", self.tag_sd_px, "from 0 to 100 px")
         own = [one.name for one in self.objects]
@@ -169,7 +176,7 @@ class HandsTracker:
         places = np.array(s.base_places_m) if s.base_places_m else base_layout(self.shape, len(s.base), _PALM_SIDE_M)
         self._rays = MarkerRays(self.rig, len(s.hand_markers), s.rays)
         self._rig_fit = RigFit(self.rig, len(s.hand_markers), s.rig_fit)
-        self._fit = HandTracker(model, self.shape, places, s.fit)
+        self._fit = HandTracker(model, self.shape, places, s.fit, s.solver)
         self._smooth_2d = {} if s.smoothing_2d is None else {name: OneEuro(s.smoothing_2d) for name in sorted(cameras)}
         self._smooth = None if s.smoothing is None else OneEuro(s.smoothing)
         self._objects = RigidObjects(self.rig, s.objects, s.poses, s.grasp)
