@@ -38,14 +38,13 @@ def is_sure(arm, points):
 
 
 def main(args, osc):
-    """Follow one arm until the time is over."""
+    """Follow one arm until Ctrl-C."""
     corners, points = np.reshape(args.corners, (3, 3)), RAYS[args.by]
     spread = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
     check(1e-4 < spread < 1e4, "--corners", args.corners, "three corners that are not in a line [m]")
     session = open_reader(args.connect)
     newest, smooth, followed, clicked = Newest(session), OneEuro(OneEuroSettings(beta_per_m=1.0)), None, False
-    end = time.monotonic() + args.seconds
-    while time.monotonic() < end:
+    while True:
         time.sleep(0.005)
         if (scene := newest.scene()) is None:
             continue
@@ -65,7 +64,6 @@ def main(args, osc):
         if clicked != before:
             osc.send("/pointer/click", float(clicked))
         print(f"\r{word:<20}{'click' if clicked else '':<6}", end="", flush=True)
-    session.close()
 
 
 if __name__ == "__main__":
@@ -74,7 +72,6 @@ if __name__ == "__main__":
     parser.add_argument("--osc", default="127.0.0.1:9000", help="HOST:PORT of the program that receives the pointer")
     parser.add_argument("--by", choices=RAYS, default="index", help="what points")
     parser.add_argument("--corners", type=float, nargs=9, default=CORNERS, help="x y z of three corners, world [m]")
-    parser.add_argument("--seconds", type=float, default=1e9)
     try:
         with OscSender((parsed := parser.parse_args()).osc) as sender:
             main(parsed, sender)

@@ -27,7 +27,7 @@ def roll(R_world_before, R_world_now):
 
 
 class Knobs:
-    """Values (n,) of knobs side by side between two places of the x axis [m]; all of a range is a roll of `turn` [rad]."""
+    """Values (n,) of knobs side by side on the x axis [m]; a roll of `turn` is the whole range [rad]."""
 
     def __init__(self, count, left, right, turn):
         self.values, self.left, self.right, self.turn, self.held = np.full(count, 0.5), left, right, turn, None
@@ -41,32 +41,28 @@ class Knobs:
             self.held = place if 0 <= place < len(self.values) else -1
             self.from_value, self.R, self.rolled = self.values[self.held], R, 0.0
         elif self.held >= 0:
-            step = roll(self.R, R) - self.rolled
-            self.rolled += (step + math.pi) % (2 * math.pi) - math.pi  # past half a turn, too
+            self.rolled += (roll(self.R, R) - self.rolled + math.pi) % (2 * math.pi) - math.pi  # past half a turn, too
             self.values[self.held] = min(max(self.from_value + self.rolled / self.turn, 0.0), 1.0)
         return self.held if self.held is not None and self.held >= 0 else None
 
 
 def main(args, osc):
-    """Follow one arm until the time is over."""
+    """Follow one arm until Ctrl-C."""
     check(args.bank[0] < args.bank[1], "--bank", args.bank, "the left end, then a larger right end [m]")
     check(0 < args.turn <= 3600, "--turn", args.turn, "above 0, at most 3600 degrees")
-    session, knobs, followed = open_reader(args.connect), Knobs(args.knobs, *args.bank, math.radians(args.turn)), None
-    newest, end = Newest(session), time.monotonic() + args.seconds
-    while time.monotonic() < end:
+    knobs, followed = Knobs(args.knobs, *args.bank, math.radians(args.turn)), None
+    newest = Newest(session := open_reader(args.connect))  # a forgotten session would close
+    while True:
         time.sleep(0.005)
         if (scene := newest.scene()) is None:
             continue
         arm = next((arm for arm in scene.arms if arm.id == followed), next(iter(scene.arms), None))
-        if arm is None or arm.id != followed:
-            followed, knobs.held = arm and arm.id, None
+        followed, knobs.held = arm and arm.id, knobs.held if arm and arm.id == followed else None
         if arm and arm.cameras and arm.T_world_palm is not None and arm.states[PALM] == 2 and arm.sd[PALM] < UNSURE_M:
-            k = knobs.update(arm.points[PALM, 0], arm.T_world_palm[:3, :3], arm.grabbing)
-            if k is not None:
+            if (k := knobs.update(arm.points[PALM, 0], arm.T_world_palm[:3, :3], arm.grabbing)) is not None:
                 osc.send(f"/knob/{k + 1}", knobs.values[k])
         bars = (f"{'*' if k == knobs.held else ' '}{k + 1} {'#' * round(8 * v):<8}" for k, v in enumerate(knobs.values))
         print("\r" + " ".join(bars), end="", flush=True)
-    session.close()
 
 
 if __name__ == "__main__":
@@ -76,7 +72,6 @@ if __name__ == "__main__":
     parser.add_argument("--knobs", type=int, choices=range(1, 17), default=4, metavar="1..16", help="how many")
     parser.add_argument("--bank", type=float, nargs=2, default=[-0.3, 0.3], help="its left and right end, world x [m]")
     parser.add_argument("--turn", type=float, default=180.0, help="roll of the hand for the whole range [deg]")
-    parser.add_argument("--seconds", type=float, default=1e9)
     try:
         with OscSender((parsed := parser.parse_args()).osc) as sender:
             main(parsed, sender)

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 from support.programs import Program, free_port, wait_until
 
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_z
+from mocapella.model.arms import ARM_POINTS
+from mocapella.model.scene import TrackedArm
 from mocapella.sources.osc import messages
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -38,8 +40,8 @@ def module(path: Path) -> ModuleType:
 pointer, knobs = module(POINTER), module(KNOBS)
 
 
-@given(UNIT, UNIT, METRES, METRES, st.floats(0.7, 3))
-def test_a_ray_through_a_place_of_the_plane_hits_it(x: float, y: float, *origin: float) -> None:
+@given(UNIT, UNIT, st.tuples(METRES, METRES, st.floats(0.7, 3)))
+def test_a_ray_through_a_place_of_the_plane_hits_it(x: float, y: float, origin: tuple[float, ...]) -> None:
     place = CORNERS[0] + x * (CORNERS[1] - CORNERS[0]) + y * (CORNERS[2] - CORNERS[0])
     towards = place - np.array(origin)
     np.testing.assert_allclose(pointer.hit(np.array(origin), towards, CORNERS), (x, y), atol=1e-7)
@@ -84,6 +86,53 @@ def test_a_knob_ends_at_0_and_1_and_a_grab_beside_the_bank_takes_none() -> None:
     assert bank.values.tolist() == [1.0, 0.5]
 
 
+def arm_at(x: float, *, states: int = 2, grabbing: bool = False, cameras: tuple[str, ...] = ("depth",)) -> TrackedArm:
+    """An arm whose index finger points out of (x, 0.8, 1) at the default plane, along -z."""
+    points = np.tile([x, 0.8, 1.1], (len(ARM_POINTS), 1))
+    points[8, 2] = 1.0
+    T, count = np.eye(4), len(points)
+    T[:3, :3] = rotation_about_z(x)
+    return TrackedArm(
+        3, False, points, np.full(count, states, np.uint8), np.full(count, 0.005, np.float32), np.zeros(21), T,
+        "", 0.0, grabbing, cameras=cameras,
+    )  # fmt: skip
+
+
+def sent(
+    monkeypatch: pytest.MonkeyPatch, example: ModuleType, *arms: TrackedArm | None
+) -> list[tuple[str, list[float]]]:
+    """The OSC messages of an example that is given a scene for each arm, None for a scene without one."""
+    scenes = iter([SimpleNamespace(arms=() if arm is None else (arm,), at_ns=k * 10**9) for k, arm in enumerate(arms)])
+    out: list[tuple[str, list[float]]] = []
+    osc = SimpleNamespace(send=lambda address, *values: out.append((address, [round(float(v), 6) for v in values])))
+    monkeypatch.setattr(example, "open_reader", lambda _: None)
+    monkeypatch.setattr(example, "Newest", lambda _: SimpleNamespace(scene=lambda: next(scenes)))
+    monkeypatch.setattr(example.time, "sleep", lambda _: None)
+    corners = [-0.5, 1.4, 0.4, 0.5, 1.4, 0.4, -0.5, 0.2, 0.4]
+    args = SimpleNamespace(connect="", by="index", corners=corners, knobs=4, bank=[-0.4, 0.4], turn=180.0)
+    with pytest.raises(StopIteration):
+        example.main(args, osc)
+    return out
+
+
+def test_the_pointer_goes_by_sure_hands_only_and_a_lost_one_ends_its_click(monkeypatch: pytest.MonkeyPatch) -> None:
+    unsure = [arm_at(0.3, states=1), arm_at(0.3, cameras=()), arm_at(0.3, states=1, grabbing=True)]
+    assert sent(monkeypatch, pointer, *unsure, None) == []
+    click = [arm_at(0.25), arm_at(0.0, grabbing=True), arm_at(0.0, states=1), None]
+    assert sent(monkeypatch, pointer, *click) == [
+        ("/pointer", [0.75, 0.5]), ("/pointer/click", [1.0]), ("/pointer/click", [0.0])
+    ]  # fmt: skip
+
+
+def test_knobs_turn_by_sure_hands_only_and_a_lost_one_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    take, turned = arm_at(0.05, grabbing=True), arm_at(0.15, grabbing=True)
+    unsure = [arm_at(0.3, states=1, grabbing=True), arm_at(0.3, cameras=(), grabbing=True)]
+    assert sent(monkeypatch, knobs, *unsure, None) == []
+    value = round(0.5 + 0.1 / math.pi, 6)
+    assert sent(monkeypatch, knobs, take, *unsure, turned) == [("/knob/3", [0.5]), ("/knob/3", [value])]
+    assert sent(monkeypatch, knobs, take, None, arm_at(0.35, grabbing=True)) == [("/knob/3", [0.5]), ("/knob/4", [0.5])]
+
+
 @pytest.mark.parametrize(
     ("example", "words", "expected"),
     [
@@ -125,7 +174,7 @@ def test_both_send_the_hand_of_a_live_session(tmp_path: Path) -> None:
 
         with Program(tmp_path, "demo", "demo", "arm", "--no-view", "--port", str(port)) as demo:
             wait_until("an arm is tracked", demo.said("tracking"), timeout=240.0)
-            command = ["--connect", f"tls/127.0.0.1:{port}", "--osc", osc, "--seconds", "120"]
+            command = ["--connect", f"tls/127.0.0.1:{port}", "--osc", osc]
             programs = [subprocess.Popen([sys.executable, str(path), *command]) for path in (POINTER, KNOBS)]
             try:
                 wait_until("pointer, click and knob", all_came)

@@ -19,7 +19,7 @@ def encode_message(address: str, *values: float) -> bytes:
     """Encode a message of 32-bit floats; ``address`` begins with ``/`` and has no null character."""
     texts = (text.encode() for text in (address, "," + "f" * len(values)))
     padded = b"".join(text + b"\0" * (4 - len(text) % 4) for text in texts)
-    return padded + struct.pack(f">{len(values)}f", *values)
+    return padded + struct.pack(">" + "f" * len(values), *values)
 
 
 class OscSender:
@@ -39,7 +39,7 @@ class OscSender:
         if not host or not (port.isascii() and port.isdigit() and 0 < int(port[:6]) < 65536):
             raise SettingsError(f"OSC address {target!r}: {_EXAMPLE}")
         try:
-            self._target = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)[0][4]
+            self._target = socket.gethostbyname(host), int(port)
         except (OSError, UnicodeError) as error:
             raise SettingsError(f"OSC address {target!r}: no such host ({error}); {_EXAMPLE}") from None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
