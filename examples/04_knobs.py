@@ -50,17 +50,19 @@ def main(args, osc):
     """Follow one arm until Ctrl-C."""
     check(args.bank[0] < args.bank[1], "--bank", args.bank, "the left end, then a larger right end [m]")
     check(0 < args.turn <= 3600, "--turn", args.turn, "above 0, at most 3600 degrees")
-    knobs, followed = Knobs(args.knobs, *args.bank, math.radians(args.turn)), None
-    newest = Newest(session := open_reader(args.connect))  # a forgotten session would close
+    session, knobs = open_reader(args.connect), Knobs(args.knobs, *args.bank, math.radians(args.turn))
+    newest, followed = Newest(session), None
     while True:
         time.sleep(0.005)
         if (scene := newest.scene()) is None:
             continue
         arm = next((arm for arm in scene.arms if arm.id == followed), next(iter(scene.arms), None))
         followed, knobs.held = arm and arm.id, knobs.held if arm and arm.id == followed else None
-        if arm and arm.cameras and arm.T_world_palm is not None and arm.states[PALM] == 2 and arm.sd[PALM] < UNSURE_M:
-            if (k := knobs.update(arm.points[PALM, 0], arm.T_world_palm[:3, :3], arm.grabbing)) is not None:
-                osc.send(f"/knob/{k + 1}", knobs.values[k])
+        sure = (
+            arm and arm.cameras and arm.T_world_palm is not None and arm.states[PALM] == 2 and arm.sd[PALM] < UNSURE_M
+        )
+        if sure and (k := knobs.update(arm.points[PALM, 0], arm.T_world_palm[:3, :3], arm.grabbing)) is not None:
+            osc.send(f"/knob/{k + 1}", knobs.values[k])
         bars = (f"{'*' if k == knobs.held else ' '}{k + 1} {'#' * round(8 * v):<8}" for k, v in enumerate(knobs.values))
         print("\r" + " ".join(bars), end="", flush=True)
 
