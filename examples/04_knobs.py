@@ -17,7 +17,7 @@ from mocapella.sources.osc_sender import OscSender
 from mocapella.wire.reader import Newest
 from mocapella.wire.session import DEFAULT_ADDRESS, open_reader
 
-UNSURE_M = 0.03  # a palm with a larger standard deviation turns nothing
+MOST_M = 0.03  # a palm with a larger standard deviation turns nothing
 
 
 def roll(R_world_before, R_world_now):
@@ -58,9 +58,7 @@ def main(args, osc):
             continue
         arm = next((arm for arm in scene.arms if arm.id == followed), next(iter(scene.arms), None))
         followed, knobs.held = arm and arm.id, knobs.held if arm and arm.id == followed else None
-        sure = (
-            arm and arm.cameras and arm.T_world_palm is not None and arm.states[PALM] == 2 and arm.sd[PALM] < UNSURE_M
-        )
+        sure = arm and arm.cameras and arm.T_world_palm is not None and arm.states[PALM] == 2 and arm.sd[PALM] < MOST_M
         if sure and (k := knobs.update(arm.points[PALM, 0], arm.T_world_palm[:3, :3], arm.grabbing)) is not None:
             osc.send(f"/knob/{k + 1}", knobs.values[k])
         bars = (f"{'*' if k == knobs.held else ' '}{k + 1} {'#' * round(8 * v):<8}" for k, v in enumerate(knobs.values))
