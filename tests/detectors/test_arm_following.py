@@ -405,7 +405,7 @@ def test_the_hand_of_the_real_recording_is_found_in_each_frame_by_itself() -> No
         ("arms", (0, 9)), ("hand_length_m", (0.09, 0.31)), ("believe", (0.0, 0.39)), ("keep", (0.2, 2.0)),
         ("digits", (0, 6)), ("gain", (0.0, 2.0)), ("doubt", (0.0, 2.0)), ("better", (0.0, 1.1)),
         ("firm", (0.0, 2.0)), ("look_again_after", (0, 1001)), ("refuse_for", (0, 100_001)),
-        ("lost_after", (0, 1001)), ("report", (0.0, 2.0)), ("fattening_px", (-2, 16)),
+        ("lost_after", (0, 1001)), ("firm_in_blocks", (0.0, 2.0)), ("fattening_px", (-2, 16)),
         ("independent_s", (-0.1, 3601)), ("look_every", (0, 1001)), ("look_anyway_every", (0, 100_001)),
     ],
 )  # fmt: skip

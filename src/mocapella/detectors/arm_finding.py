@@ -253,7 +253,7 @@ class ArmFinder:
         Args:
             depth: (height, width) [m].
             candidate: the palm.
-            whole: as ``depth``, before things were made narrower, if they were; what is near a hand there must belong
+            whole: as ``depth``, before things were made narrower, if they were; things near a hand there must belong
                 to it.
         """
         part = self.region(depth, candidate.spheres)
@@ -483,9 +483,9 @@ _RIVAL: Final = 1.3
 """Ratio of costs below which another fit is nearly as good."""
 _ELSEWHERE_M: Final = 0.025
 _SURELY: Final = 0.15
-"""Cost of a fit below which what is around it does not matter."""
+"""Cost of a fit below which its surroundings do not matter."""
 _STRAY: Final = 0.04
-"""Most stray points near a hand: a head or a thing has more of itself around what was taken for a hand."""
+"""Most stray points near a hand: a head or a thing has more surface around the supposed hand."""
 _HIDDEN: Final = 0.3
 """Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
 

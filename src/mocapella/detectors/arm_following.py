@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_of
-from mocapella.detectors.arm_search import Refused, Search
+from mocapella.detectors.arm_search import RefusedPlace, Search
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.detectors.arm_track import CameraArmTrack
 from mocapella.detectors.fattening_guess import FatteningGuess
@@ -64,7 +64,7 @@ class KinematicArmDetector:
     def reset(self) -> None:
         """Forget all images and arms; ids begin at 0 again."""
         self._arms: list[CameraArmTrack] = []
-        self._refused: list[Refused] = []
+        self._refused: list[RefusedPlace] = []
         self._before: list[CameraArmTrack] = []  # arms of the last image, if this one does not continue it
         self._at_s: float | None = None
         self._frames = self._next_id = 0
@@ -127,7 +127,7 @@ class KinematicArmDetector:
 
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
-        most = self.settings.report if self._fattening.px else self.settings.firm
+        most = self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
         for arm in self._arms:
             arm.believed |= arm.fitted.cost < most
         return [arm for arm in self._arms if arm.believed]
@@ -135,7 +135,7 @@ class KinematicArmDetector:
     def _compare(self, whole: Float32) -> None:
         """Compare the best arm's fit with one to the image of a camera of the other kind, from time to time."""
         arm = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
-        if arm is None or arm.fitted.cost > self.settings.report or not self._fattening.due(self._frames):
+        if arm is None or arm.fitted.cost > self.settings.firm_in_blocks or not self._fattening.due(self._frames):
             return
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
         if self._fattening.learn([one.cost], [self._refitted(one, self._fattening.otherwise(whole)).cost]):
@@ -395,7 +395,7 @@ class KinematicArmDetector:
             if np.linalg.norm(place.centre - centre) < _REFUSED_M:
                 break
         else:
-            place = Refused(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
+            place = RefusedPlace(centre, self.settings.refuse_for * (_PATIENCE if self._believed() else 1))
             self._refused = [*self._refused[-_MOST_REFUSED:], place]
         if place.until <= self._frames:  # several candidates may lie at one place
             place.until = self._frames + place.wait

@@ -18,7 +18,7 @@ _MOST_IMAGES: Final = 40
 
 
 @dataclass(eq=False)
-class Refused:
+class RefusedPlace:
     """A place that was searched without finding an arm.
 
     Attributes:

@@ -36,8 +36,8 @@ class KinematicArmSettings:
             nothing better is found; larger: less work, later corrections [images].
         firm: cost below which a new arm is reported; after several images below it, no replacement is searched; larger:
             arms are reported sooner, also false ones [cost].
-        report: cost below which a new arm is reported where the camera makes things wider; larger: arms are reported
-            sooner, also false ones [cost].
+        firm_in_blocks: cost below which a new arm is reported where the camera makes things wider; larger: arms are
+            reported sooner, also false ones [cost].
         fattening_px: by how much the camera makes near things wider, on each side, as stereo cameras do; -1: found out
             from the first arms [px].
         independent_s: images further apart do not continue each other: arms are detected anew; 0: in every image [s].
@@ -65,7 +65,7 @@ class KinematicArmSettings:
     better: float = 0.93
     look_again_after: int = 12
     firm: float = 0.19
-    report: float = 0.30
+    firm_in_blocks: float = 0.30
     fattening_px: int = -1
     independent_s: float = 0.3
     refuse_for: int = 8
@@ -84,7 +84,7 @@ class KinematicArmSettings:
         check(0 < self.doubt < 2, "doubt", self.doubt, "above 0, below 2")
         check(0 < self.better <= 1, "better", self.better, "above 0, at most 1")
         check(0 < self.firm < 2, "firm", self.firm, "above 0, below 2")
-        check(0 < self.report < 2, "report", self.report, "above 0, below 2")
+        check(0 < self.firm_in_blocks < 2, "firm_in_blocks", self.firm_in_blocks, "above 0, below 2")
         check(-1 <= self.fattening_px <= 15, "fattening_px", self.fattening_px, "-1 to 15")
         check(1 <= self.look_again_after <= 1000, "look_again_after", self.look_again_after, "1 to 1000")
         check(0 <= self.independent_s <= 3600, "independent_s", self.independent_s, "0 to 3600")

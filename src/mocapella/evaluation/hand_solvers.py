@@ -71,7 +71,7 @@ class SolverRow(msgspec.Struct, frozen=True):
         within_percent: share of the frames in which all angles are within the limits [%].
         jitter_mm: RMS change of the landmarks' error from frame to frame [mm].
         iterations: mean number of iterations for a digit; None for ``map``.
-        time_ratio: median time of a frame as a multiple of that of ``map`` in the same run.
+        time_ratio: median time of a frame as a multiple of ``map``'s in the same run.
     """
 
     scene: str

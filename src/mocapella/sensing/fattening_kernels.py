@@ -43,13 +43,13 @@ def bridge(depth: Float32, gap_px: int, jump_m: float, along_rows: bool, out: Fl
 
 @njit(cache=True)
 def erode(depth: Float32, reach_px: int, jump_m: float, out: Float32) -> None:
-    """Give pixels beside something that is farther by a jump the depth of what is farther.
+    """Give pixels beside a surface that is farther by a jump the depth of that surface.
 
     Args:
         depth: (height, width) [m]; 0 where nothing was measured, which counts as farther than anything.
         reach_px: half the width of the square around a pixel in which something farther counts [px].
         jump_m: least difference of depths that makes an edge [m].
-        out: (height, width) written [m]; 0 where nothing was measured, or where that is what is farther.
+        out: (height, width) written [m]; 0 where nothing was measured, or where the farther surface has none.
     """
     height, width = depth.shape
     far = np.empty((height, width), np.float32)

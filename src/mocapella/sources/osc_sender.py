@@ -25,7 +25,7 @@ def encode_message(address: str, *values: float) -> bytes:
 class OscSender:
     """Sends messages to one receiver; a context manager that closes its socket at the end.
 
-    UDP does not say whether anybody receives them.
+    UDP does not say whether a program receives them.
 
     Args:
         target: the receiver, as HOST:PORT.

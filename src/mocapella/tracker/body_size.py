@@ -18,7 +18,7 @@ SEXES: Final = {"male": "male", "female": "female", "legs": "male"}
 JUDGED: Final = ("thigh", "shank", "trunk", "upper_arm", "forearm")
 """Segments whose ends triangulate well; hands, feet, hips and shoulders differ too much with the detector."""
 TALLEST_M: Final = 2.3
-"""A segment that is longer than the average of people of this height is nobody's [m]."""
+"""A segment that is longer than the average of people of this height is impossible [m]."""
 HEIGHTS_M: Final = (0.75, 2.15)
 """Range of the height that the median segment stands for; children are in it [m]."""
 
