@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from benchmarks.harness import Goal, Row, at_least, at_most, compared, measured
 from benchmarks.line_skeleton import SR305, grid_rows, masks_of, one_thread, sr305_frames, stage_rows
 from mocapella.detectors import ArmDetector, make_detector
-from mocapella.evaluation.arms import ArmScores, jitter, score
+from mocapella.evaluation.arms import ArmScores, jitter, matched, score
 from mocapella.evaluation.gestures import GestureScores, gesture_scores
 from mocapella.evaluation.line_skeleton_grid import rendered_frames
 from mocapella.evaluation.two_cameras import CAMERAS, FUSED, beside, looks_of, two_camera_scores
 from mocapella.model.arms import SeenArms
 from mocapella.model.camera import Camera
 from mocapella.model.hand import DIGITS, TIPS
+from mocapella.model.observations import JointState
 from mocapella.sources.simulate.depth_scene import DepthScene, DepthShot, load_depth_scene
 
 SCENES: Final = (
@@ -86,6 +87,7 @@ def run(quick: bool = False) -> list[Row]:
     rows += [measured(f"arm: gestures, {what}", value, unit) for what, value, unit in _gesture_figures(gestures)]
     rows += still_rows(quick)
     rows += two_camera_rows(quick)
+    rows += stereo_rows(quick)
     frames = sr305_frames()
     if frames:
         tell("the real frames")
@@ -237,6 +239,34 @@ def two_camera_rows(quick: bool) -> list[Row]:
         text = f"arm: two cameras, {name}, followed (alone {followed})"
         rows.append(measured(text, 100 * told[FUSED]["followed"], "%"))
     return rows
+
+
+def stereo_rows(quick: bool) -> list[Row]:
+    """Fists that open before a stereo camera, which makes fingers wider: 35 images at 25 Hz of each arm."""
+    found = images = 0
+    seen: list[float] = []
+    measured_m: list[float] = []
+    for seed in range(100, 102 if quick else 110):
+        tell(f"stereo, seed {seed}")
+        scene = load_depth_scene("open-close", seed=seed, sensor="stereo")
+        detector = make_detector("kinematic-arm", Camera("stereo", scene.sensor.size_px, scene.lens))
+        for k in range(8 if quick else 35):
+            shot = scene.at(k / 25)
+            arm = matched(shot.arms[0], detector.update(shot.depth * np.float32(shot.unit_m), k / 25))
+            images += 1
+            if arm is not None:
+                found += 1
+                off_m = np.linalg.norm(arm.points[list(TIPS)] - shot.arms[0].points[list(TIPS)], axis=1)
+                seen += off_m[shot.arms[0].seen[list(TIPS)] > 0].tolist()
+                measured_m += off_m[arm.states[list(TIPS)] == JointState.TRACKED].tolist()
+    wrong = 100 * float(np.mean(np.array(measured_m) > 0.03)) if measured_m else np.nan
+    tips = 1e3 * np.percentile(seen, [50, 95]) if seen else [np.nan, np.nan]
+    return [
+        measured(f"arm: stereo, images with the hand, of {images}", 100 * found / images, "%", goal=at_least(94)),
+        measured("arm: stereo, visible fingertips, median", tips[0], "mm", goal=at_most(15)),
+        measured("arm: stereo, visible fingertips, 95 %", tips[1], "mm", goal=at_most(35)),
+        measured("arm: stereo, measured fingertips more than 30 mm off", wrong, "%", goal=at_most(2)),
+    ]
 
 
 def label_rows(frames: dict[str, NDArray[np.float32]]) -> list[Row]:
