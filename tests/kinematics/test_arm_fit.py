@@ -305,7 +305,7 @@ def test_the_points_gradient_is_that_of_their_robust_cost(side: Handedness, seed
     nothing = ArmEvidence(points, np.ones(len(points)), np.zeros((2, 2)), np.full((2, 2), -1), LENS)
 
     def at(pose: ArmPose) -> tuple[float, np.ndarray]:
-        g, costs = np.zeros(n), np.empty(5)
+        g, costs = np.zeros(n), np.empty(k.COST_TERMS)
         k.system(
             model.arrays, nothing, np.zeros(len(points), np.int64), pose, numbers, np.zeros((n, n)), g, costs,
             np.full((5, 3), np.nan), False,
@@ -359,7 +359,7 @@ def test_costs_alone_are_those_of_the_whole_system(side: Handedness) -> None:
     numbers, n = model._parameters(pose, evidence, 400.0), 6 + len(pose.z) + fk.BODY_DOFS
     told = []
     for only in (False, True):
-        H, g, costs = np.zeros((n, n)), np.zeros(n), np.empty(5)
+        H, g, costs = np.zeros((n, n)), np.zeros(n), np.empty(k.COST_TERMS)
         k.system(
             model.arrays, evidence, np.zeros(len(evidence.points), np.int64), pose, numbers, H, g, costs,
             np.zeros((5, 3)), only,
@@ -368,6 +368,17 @@ def test_costs_alone_are_those_of_the_whole_system(side: Handedness) -> None:
         told.append(costs)
     np.testing.assert_array_equal(told[0], told[1])
     assert (told[0][[0, 1, 3]] > 0).all()
+
+
+@pytest.mark.slow
+def test_an_array_too_short_for_the_costs_is_refused() -> None:
+    model, _, pose, evidence = seen(1, "left", 2.0)
+    numbers, n = model._parameters(pose, evidence, 400.0), 6 + len(pose.z) + fk.BODY_DOFS
+    with pytest.raises(ValueError, match="costs"):
+        k.system(
+            model.arrays, evidence, np.zeros(len(evidence.points), np.int64), pose, numbers, np.zeros((n, n)),
+            np.zeros(n), np.empty(k.COST_TERMS - 1), np.zeros((5, 3)), True,
+        )  # fmt: skip
 
 
 def test_what_is_not_in_the_image_is_not_pulled_at() -> None:

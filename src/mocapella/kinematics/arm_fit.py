@@ -173,8 +173,9 @@ class Fitted(NamedTuple):
 
     Attributes:
         pose: the pose.
-        costs: (5,) mean robust cost of points and of capsules, 0 to 1; sum of digits' squared overlaps [cm²]; squared
-            Mahalanobis distance of the hand's sizes and angles from the prior; share of the surface that is occluded.
+        costs: (7,) mean robust cost of points and of capsules, 0 to 1; sum of digits' squared overlaps [cm²]; squared
+            Mahalanobis distance of the hand's sizes and angles from the prior; share of the surface that is occluded;
+            mean cost of stray points near the arm, 0 to 1; number of these points.
     """
 
     pose: ArmPose
@@ -302,7 +303,7 @@ class ArmModel:
         pose = start.copied()
         total = max(float(evidence.weights.sum()), 1.0)
         parameters = self._parameters(pose, evidence, total)
-        costs = np.empty(7)
+        costs = np.empty(k.COST_TERMS)
         e = expected
         prior = ArmPrior(self.natural, self.prior, e.pose, e.certainty, e.v, e.information)
         k.fit(

@@ -76,11 +76,25 @@ from mocapella.kinematics.arm_sweep_kernels import COSTS, swept
 from mocapella.kinematics.hand_fit_kernels import _penalty, within
 from mocapella.kinematics.hand_kernels import DIGIT
 
-__all__ = ["COSTS", "DIGIT", "PIECE", "STATE", "balls", "fit", "flesh", "relevance", "swept", "system", "visible"]
+__all__ = [
+    "COSTS",
+    "COST_TERMS",
+    "DIGIT",
+    "PIECE",
+    "STATE",
+    "balls",
+    "fit",
+    "flesh",
+    "relevance",
+    "swept",
+    "system",
+    "visible",
+]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
+COST_TERMS = 7  # length of the costs of a pose, see `system`
 _REST_M, _REST_RAD = 0.0002, 0.004  # smaller steps count as convergence
 NEAR_ARM = 0.5  # least weight of points near the hand or forearm
 STRAY = 6.0  # factor of the points' robust scale at which stray points are judged
@@ -104,14 +118,20 @@ def system(
         pose: pose and sizes of the arm.
         parameters: scales and weights.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to, unless ``only_costs``.
-        costs: (5,) written: weighted sum of the points' robust costs, 0 to 1 each; integral of the flesh's robust cost,
-            0 to 1, over its area [m²]; sum of the digits' squared overlaps [cm²]; that area, and the part of it that
-            other objects occlude [m²]. The area is the flesh's within the image; palm, forearm and upper arm count less
-            than the digits.
+        costs: (`COST_TERMS`,) written: weighted sum of the points' robust costs, 0 to 1 each; integral of the flesh's
+            robust cost, 0 to 1, over its area [m²]; sum of the digits' squared overlaps [cm²]; that area, and the part
+            of it that other objects occlude [m²]; sum of the robust costs, 0 to 1 each, at `STRAY` times the scale, of
+            the points near the arm (`NEAR_ARM`), and their number. The area is the flesh's within the image; palm,
+            forearm and upper arm count less than the digits.
         targets: (5, 3) approximate fingertips, camera frame [m], which attract the digits' tips in H and g; NaN where
             unknown.
         only_costs: do not change H and g.
+
+    Raises:
+        ValueError: the number of costs is not `COST_TERMS`.
     """
+    if len(costs) != COST_TERMS:  # a shorter array would be written beyond its end
+        raise ValueError("costs: not COST_TERMS values")
     z, v = pose.z, pose.v
     rows, joints, axes = np.empty((5, DIGIT)), np.empty((5, 4, 3)), np.empty((5, 5, 3))
     pieces = np.empty((len(arm.owners), PIECE))
@@ -120,7 +140,7 @@ def system(
     Q, b = np.zeros((GROUPS, ROW, ROW)), np.zeros((GROUPS, ROW))
     if not only_costs:
         group_derivatives(joints, axes, arm.columns, arm.gains, arm.rising, v, len(z), A, at, counts)
-    for k in range(len(costs)):
+    for k in range(COST_TERMS):
         costs[k] = 0.0
     _add_points(pieces, arm.owners, image, which, pose, parameters, only_costs, Q, b, costs)
     _add_flesh(pieces, arm.owners, image, pose, parameters, only_costs, Q, b, costs)
@@ -307,7 +327,7 @@ def fit(
         parameters: scales and weights.
         loose: factor of the robust scales in the first iteration; it falls to 1.
         iterations: largest number of iterations.
-        costs: (5,) written: costs of the result, as of `system`.
+        costs: (`COST_TERMS`,) written: costs of the result, as of `system`.
         targets: (5, 3) as of `system`.
         keep: share of the iterations, from the first on, that use the targets.
     """

@@ -332,7 +332,7 @@ def add_collisions(
         parameters: weight and allowed overlap.
         only_costs: do not change H and g.
         H, g: (dofs, dofs), its lower triangle only, and (dofs,); added to.
-        costs: (5,) of `arm_fit_kernels.system`; element 2, the sum of squared overlaps [cm²], is added to.
+        costs: (`COST_TERMS`,) of `arm_fit_kernels.system`; element 2, the sum of squared overlaps [cm²], is added to.
     """
     K, to, q = np.empty(2 * MOVERS), np.empty(2 * MOVERS, dtype=np.int64), np.empty(ROW)
     p, o = np.empty(4), np.empty(4)
