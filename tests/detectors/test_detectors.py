@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +46,15 @@ def test_a_detector_is_made_by_its_name_and_refuses_unknown_settings(name: str) 
     assert make_detector(name, CAMERA).name == name
     with pytest.raises(SettingsError, match=f"settings of {name}: unknown key 'nonsense'"):
         make_detector(name, CAMERA, {"nonsense": 1})
+
+
+def test_a_default_of_independence_is_for_detectors_that_have_it_and_yields_to_the_user() -> None:
+    def made(name: str, **settings: float) -> Any:
+        return make_detector(name, CAMERA, settings, independent_s=7.0).detector.settings
+
+    assert made("kinematic-arm").independent_s == 7.0
+    assert made("kinematic-arm", independent_s=2.0).independent_s == 2.0
+    assert not hasattr(made("line-skeleton"), "independent_s")
 
 
 def test_pictures_of_stages_are_those_of_the_detector() -> None:

@@ -47,7 +47,9 @@ def test_an_image_after_a_gap_gives_what_it_gives_alone_and_the_arm_keeps_its_id
     assert after.id == before.id == 0
 
 
-@pytest.mark.parametrize(("at_s", "settings"), [(0.29, {}), (0.31, {"independent_s": 1.0})])
+@pytest.mark.parametrize(
+    ("at_s", "settings"), [(0.29, {}), (0.31, {"independent_s": 1.0}), (1.0, {"independent_s": 3600.0})]
+)
 def test_an_image_without_a_gap_continues_the_one_before(at_s: float, settings: dict[str, float]) -> None:
     _, (_, after) = detected(at_s, **settings)
     assert not np.array_equal(after.points, alone().points)

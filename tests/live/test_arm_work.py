@@ -9,7 +9,7 @@ import pytest
 from support.nearest_arm import NearestArm
 
 from mocapella.errors import InputError
-from mocapella.live.arm_work import ArmWork, rough_arm
+from mocapella.live.arm_work import ArmWork, independent_after_s, rough_arm
 from mocapella.live.camera_node import WARN_AFTER_S
 from mocapella.model.camera import Camera
 from mocapella.schema import decode_frame, encode_frame
@@ -51,6 +51,11 @@ def test_arms_and_images_are_frames_that_can_be_sent() -> None:
     back = decode_frame(encode_frame(image))
     np.testing.assert_array_equal(back.depth, picture(3).image)
     assert (back.unit_m, back.lens.tolist()) == (0.001, list(LENS))
+
+
+@pytest.mark.parametrize(("fps", "after_s"), [(None, None), (1.5, None), (5.0, 3600.0), (30.0, 3600.0)])
+def test_only_images_of_a_slow_source_may_be_no_video(fps: float | None, after_s: float | None) -> None:
+    assert independent_after_s(fps) == after_s
 
 
 def test_what_it_compiles_with_is_an_arm_at_the_lower_edge() -> None:

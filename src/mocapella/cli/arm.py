@@ -6,7 +6,7 @@ import csv
 import statistics
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -161,15 +161,13 @@ def arm(
     check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
     options = depth_options(intrinsics, unit, rig, fps)
     _, detector_settings = read_settings(NoKeys, settings_file, settings)
-    if independent:
-        detector_settings = _independent(detector, detector_settings)
     found = []
     try:
         with interruptible(), telling_of_compiling(f"the detector {detector}"), ExitStack() as open_files:
             writer = None if table is None else _table(open_files, table)
             for recording in depth_recordings(paths, options):
                 camera = complete(recording.state, recording.name)
-                finds = make_detector(detector, camera, detector_settings)
+                finds = make_detector(detector, camera, detector_settings, independent_s=0.0 if independent else None)
                 if stages is not None and finds.stages is None:
                     able = ", ".join(name for name, known in arm_detectors().items() if known.stages is not None)
                     raise SettingsError(f"--stages: the detector {detector} has none; detectors that do: {able}")
@@ -184,14 +182,6 @@ def arm(
     write_json(json, {"detector": detector, "recordings": [run.result() for run in found]})
     for run in found:
         run.tell()
-
-
-def _independent(detector: str, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a detector's settings so that no image continues the one before."""
-    from mocapella.detectors import arm_detector
-
-    can = hasattr(arm_detector(detector).settings()(), "independent_s")
-    return {**settings, **({"independent_s": 0.0} if can else {})}
 
 
 def _table(stack: ExitStack, path: Path) -> Any:

@@ -72,7 +72,7 @@ def node_arm(
     from mocapella.cli.depth_recordings import depth_of_take, depth_options
     from mocapella.detectors import make_detector
     from mocapella.live.arm_node import run_arm_node
-    from mocapella.live.arm_work import ArmWork
+    from mocapella.live.arm_work import ArmWork, independent_after_s
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.node_disk import NodeDisk, open_link
     from mocapella.live.signals import stop_on_signals
@@ -93,7 +93,8 @@ def node_arm(
     with Acquisition(images, say=say) as acquisition:
         camera = complete(acquisition.state, source)
         _tell_state(name, acquisition)
-        finds = make_detector(detector, camera, detector_settings)
+        apart_s = independent_after_s(acquisition.state.fps)
+        finds = make_detector(detector, camera, detector_settings, independent_s=apart_s)
         with telling_of_compiling(f"the detector {detector}"):
             work = ArmWork(name, acquisition, camera, finds)
         zero = read_epoch() if epoch_from_input else epoch

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DETECTORS",
+    "NEVER_INDEPENDENT_S",
     "RENAMED",
     "ArmDetector",
     "Detector",
@@ -31,6 +32,8 @@ DETECTORS: Final = Table("mocapella.detectors", Detector, "detector")
 """Descriptors of all detectors, by name."""
 RENAMED: Final[Mapping[str, str]] = {"default": "kinematic-arm"}
 """The present names of detectors, by former name."""
+NEVER_INDEPENDENT_S: Final = 3600.0
+"""Value of the setting ``independent_s`` for which all images are a video."""
 
 
 def arm_detectors() -> dict[str, Detector]:
@@ -57,7 +60,9 @@ def arm_detector(name: str) -> Detector:
     raise SettingsError(f"unknown arm detector {name!r}; known: {one_of(name, known)}")
 
 
-def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None = None) -> WithGestures:
+def make_detector(
+    name: str, camera: Camera, settings: Mapping[str, Any] | None = None, *, independent_s: float | None = None
+) -> WithGestures:
     """Make a detector of arms, with their gestures, for the depth images of one camera.
 
     The nodes of depth cameras and the ``arm`` commands make their detectors by this function.
@@ -68,6 +73,7 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
         settings: the detector's own settings by name, and ``gestures``, a mapping of settings by the names of
             `mocapella.kinematics.gestures.GestureSettings`; missing ones take their defaults, as do
             all if None. It is not changed.
+        independent_s: default of the setting ``independent_s`` of detectors that have it [s]; None for their own.
 
     Returns:
         An `ArmDetector` that adds gestures to its arms. It remembers earlier images, so each camera needs its own.
@@ -80,6 +86,8 @@ def make_detector(name: str, camera: Camera, settings: Mapping[str, Any] | None 
     from mocapella.settings import parse
 
     detector, own = arm_detector(name), dict(settings or {})
+    if independent_s is not None and hasattr(detector.settings()(), "independent_s"):
+        own.setdefault("independent_s", independent_s)
     gestures = parse(GestureSettings, own.pop("gestures", {}), where=f"settings of {name}, gestures")
     made: ArmDetector = detector.make(camera, parse(detector.settings(), own, where=f"settings of {name}"))
     return WithGestures(made, gestures, detector.stages)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.detectors import ArmDetector
+from mocapella.detectors import NEVER_INDEPENDENT_S, ArmDetector
 from mocapella.errors import InputError
 from mocapella.live.camera_node import FaultReports
 from mocapella.model.arms import ArmFrame
@@ -29,6 +29,18 @@ _TIMES: Final = 1000
 """Number of last images whose median processing time is reported."""
 _MOST_REASONS: Final = 100
 _ROUGH_M: Final = 0.7
+_LEAST_VIDEO_FPS: Final = 5.0
+
+
+def independent_after_s(fps: float | None) -> float | None:
+    """Return the default of a detector's ``independent_s`` for images of a rate [s]; None for the detector's own.
+
+    Images of a video continue each other, also where a busy machine leaves some out.
+
+    Args:
+        fps: frame rate of the source [Hz]; None if unknown.
+    """
+    return NEVER_INDEPENDENT_S if fps is not None and fps >= _LEAST_VIDEO_FPS else None
 
 
 class ArmWork:
