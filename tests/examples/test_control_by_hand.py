@@ -177,7 +177,7 @@ def test_both_send_the_hand_of_a_live_session(tmp_path: Path) -> None:
             command = ["--connect", f"tls/127.0.0.1:{port}", "--osc", osc]
             programs = [subprocess.Popen([sys.executable, str(path), *command]) for path in (POINTER, KNOBS)]
             try:
-                wait_until("pointer, click and knob", all_came)
+                wait_until("pointer, click and knob", all_came, timeout=120.0)
             finally:
                 for program in programs:
                     program.kill()
