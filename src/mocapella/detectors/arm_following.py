@@ -135,10 +135,13 @@ class KinematicArmDetector:
     def _compare(self, whole: Float32) -> None:
         """Compare the best arm's fit with one to the image of a camera of the other kind, from time to time."""
         arm = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
-        if arm is None or arm.fitted.cost > self.settings.firm_in_blocks or not self._fattening.due(self._frames):
+        if arm is None or arm.fitted.cost > self.settings.firm_in_blocks:
+            return
+        if not self._fattening.due(self._frames, urgent=not self._believed()):
             return
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
-        if self._fattening.learn([one.cost], [self._refitted(one, self._fattening.otherwise(whole)).cost]):
+        other = self._refitted(one, self._fattening.otherwise(whole))
+        if self._fattening.learn(self._frames, [one.cost], [other.cost]):
             for arm in self._arms:
                 arm.believed = arm.fitted.cost < self.settings.firm
 
@@ -320,7 +323,7 @@ class KinematicArmDetector:
             instead = yield from searched(otherwise)
             again = [self._refitted(one, depth) for one in instead[0]]
             costs += [one.cost for one in again]
-            if guess.learn(costs, [one.cost for one in instead[0]]):
+            if guess.learn(self._frames, costs, [one.cost for one in instead[0]]):
                 (found, tried), depth = instead, otherwise
             else:
                 found = [*found, *(one for one in again if one.cost < self.settings.believe)]

@@ -5,6 +5,8 @@ Fits to the image and to one with narrower things are compared: see `mocapella.s
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
@@ -17,11 +19,19 @@ Float32 = NDArray[np.float32]
 
 FATTENING_PX: Final = 3
 """How much wider things are in images of cameras that match blocks [px]."""
-MOST_VOTES: Final = 5
-"""Comparisons with the same result after which the camera's kind is known; it can still be taken back."""
 CLEARLY: Final = 0.85
 """Ratio of costs below which narrower things fit clearly better."""
+PLAINLY: Final = 0.155
+"""Cost below which a fit to the measured things is evidence that they are not wider, however low the other cost."""
+_AGAINST: Final = 0.1
+_ENOUGH: Final = 0.8
+"""Evidence at which the kind is known."""
+MOST_EVIDENCE: Final = 1.0
+"""Evidence is kept within this, so that it can be taken back."""
 _NO_FIT: Final = 1.0
+_LEAST: Final = 1e-3
+_LAST: Final = 3
+"""Comparisons, the lowest costs of which are compared."""
 _OFTEN: Final = 5
 _SELDOM: Final = 100
 """Images between two comparisons, before and after the kind is known."""
@@ -30,8 +40,9 @@ _SELDOM: Final = 100
 class FatteningGuess:
     """By how much a camera makes near things wider.
 
-    Each comparison of an arm's fits is a vote for or against it: for it where the arm fits clearly better to narrower
-    things. A face may have voted, so that no result is final.
+    Each comparison of an arm's fits adds evidence for or against it, the logarithm of the ratio of their costs: for it
+    where the arm fits clearly better to narrower things. A wrong posture costs much in both, so that the lowest costs
+    of a few comparisons are compared. The arm may have been a face, so that no result is final.
 
     Args:
         px: the number of pixels on each side, or below 0 if it is to be found out.
@@ -42,12 +53,14 @@ class FatteningGuess:
 
     def __init__(self, px: int) -> None:
         self.px, self._given = max(px, 0), px >= 0
-        self._votes = MOST_VOTES if px > 0 else 0
+        self._evidence = 0.0
+        self._costs: deque[tuple[float, float]] = deque(maxlen=_LAST)
+        self._image = -1
 
     @property
     def known(self) -> bool:
-        """Whether the number was given, or enough comparisons had the same result."""
-        return self._given or abs(self._votes) == MOST_VOTES
+        """Whether the number was given, or the comparisons are evidence enough."""
+        return self._given or abs(self._evidence) >= _ENOUGH
 
     def corrected(self, depth: Float32) -> Float32:
         """Return a depth image (height, width) [m] without the fattening that is known of; itself if there is none."""
@@ -57,12 +70,23 @@ class FatteningGuess:
         """Return a depth image (height, width) [m] as it would be if the camera were of the other kind."""
         return without_fattening(depth, 0 if self.px else FATTENING_PX)
 
-    def due(self, image: int) -> bool:
-        """Return whether the arms in the image of this number are to be compared."""
-        return not self._given and image % (_SELDOM if self.known else _OFTEN) == 0
+    def due(self, image: int, *, urgent: bool = False) -> bool:
+        """Return whether the arms in the image of this number are to be compared.
 
-    def learn(self, costs: Sequence[float], otherwise: Sequence[float]) -> bool:
+        Args:
+            image: the image's number; none is compared twice.
+            urgent: no arm can be reported before the kind is known.
+        """
+        every = _SELDOM if self.known else 1 if urgent else _OFTEN
+        return not self._given and image != self._image and image % every == 0
+
+    def learn(self, image: int, costs: Sequence[float], otherwise: Sequence[float]) -> bool:
         """Compare fits' costs, 0 to 1, in an image `corrected`, and in the same one `otherwise`.
+
+        Args:
+            image: the image's number.
+            costs: of the fits to the image `corrected`.
+            otherwise: of the fits to the other one.
 
         Returns:
             Whether the camera is taken for one of the other kind from now on.
@@ -71,7 +95,12 @@ class FatteningGuess:
         narrower, measured = both if self.px else both[::-1]
         if self._given or narrower == measured == _NO_FIT:
             return False
-        vote = 1 if narrower < CLEARLY * measured else -1
-        self._votes = int(np.clip(self._votes + vote, -MOST_VOTES, MOST_VOTES))
-        before, self.px = self.px, FATTENING_PX if self._votes > 0 else 0
+        self._image = image
+        self._costs.append((narrower, measured))
+        narrower, measured = np.min(self._costs, axis=0)
+        evidence = math.log(CLEARLY * max(measured, _LEAST) / max(narrower, _LEAST))
+        if measured < PLAINLY:
+            evidence = min(evidence, -_AGAINST)
+        self._evidence = float(np.clip(self._evidence + evidence, -MOST_EVIDENCE, MOST_EVIDENCE))
+        before, self.px = self.px, FATTENING_PX if self._evidence > 0 else 0
         return self.px != before
