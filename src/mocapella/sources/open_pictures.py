@@ -33,7 +33,8 @@ def open_pictures(
 
     Args:
         text: the name, in one of the forms of `KINDS`.
-        wishes: requested camera settings; for videos and folders only the frame rate counts; None for none.
+        wishes: requested camera settings; for videos and folders only the frame rate counts, for a rendered scene
+            only the controls; None for none.
         loop: whether videos and folders repeat.
         seed: random seed of a rendered scene.
         rate_option: the command's option for the frame rate, named in the note on a video that states none.
@@ -59,7 +60,7 @@ def open_pictures(
         scene, slash, camera = text.removeprefix(RENDERED).partition("/")
         if not slash:
             raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
-        return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text)
+        return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text, wishes.controls)
     if not text:
         raise SettingsError(f"no source; name {KINDS}")
     return PacedPictures(text, fps=wishes.fps, loop=loop, rate_option=rate_option)
@@ -101,7 +102,8 @@ def one_picture(
         from mocapella.sources.simulate.rendered_camera import RenderedCamera
 
         assert isinstance(source, RenderedCamera)
-        return source.scene.at(source.camera.name, (frame or 0) / source.camera.fps).image, source.open()
+        state = source.open()
+        return np.asarray(source.render((frame or 0) / source.camera.fps), np.uint8), state
     state, stop = source.open(), threading.Event()
     try:
         for _ in range(1 + (SETTLED if frame is None else frame)):
