@@ -17,6 +17,8 @@ from mocapella.viewer.palette import AMBER, GREY, RED
 SEND_EVERY_S: Final = 0.15
 """Least time between two requests while a slider is moved [s]: a node answers 20 questions a second."""
 _AFTER_SLIDERS: Final = 1000.0
+_WORDS: Final = {"white_balance_red": "Red balance", "white_balance_blue": "Blue balance"}
+"""Labels that are shorter than the names, because the panel is narrow."""
 _MOST: Final = 24
 """Largest number of sliders, because a node could describe any number of controls."""
 
@@ -143,7 +145,7 @@ class CameraSliders:
         self._sliders, self._modes, self._shape = {}, {}, shape
         with self._folder:
             for order, control in enumerate(self._known if shape else ()):
-                words = control.name.replace("_", " ").capitalize()
+                words = _WORDS.get(control.name, control.name.replace("_", " ").capitalize())
                 label = f"{words}, {control.unit}" if control.unit else words
                 if control.mode and control.mode not in self._modes:
                     self._add_mode(control.mode, order)
@@ -157,7 +159,7 @@ class CameraSliders:
 
     def _add_mode(self, mode: str, order: float) -> None:
         box = self._gui.add_checkbox(
-            f"Automatic {mode.replace('_', ' ')}", False, order=order, disabled=not self._sets,
+            f"Auto {mode.replace('_', ' ')}", False, order=order, disabled=not self._sets,
             hint="Let the camera set it; colours are found more reliably without",
         )  # fmt: skip
         self._modes[mode] = box

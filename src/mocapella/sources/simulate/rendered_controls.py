@@ -55,7 +55,7 @@ class RenderedControls:
             ("white_balance_blue", "×", _LEAST_GAIN, _MOST_GAIN, 0.01, blue, "white_balance"),
             ("saturation", "×", 0.0, 2.0, 0.01, image.saturation, ""),
             ("contrast", "×", 0.25, 4.0, 0.01, image.contrast, ""),
-            ("brightness", "8-bit values", -100, 100, 1, image.brightness, ""),
+            ("brightness", "levels", -100, 100, 1, image.brightness, ""),
         )
         self._fixed = tuple(
             ControlDescription(name, unit, least, most, step, default, default, mode)
