@@ -140,8 +140,10 @@ class CameraSliders:
 
     def _build(self, shape: tuple[Any, ...]) -> None:
         """Make the sliders anew, because another camera has other controls."""
-        for handle in (*self._sliders.values(), *self._modes.values()):
-            handle.remove()
+        for slider in self._sliders.values():
+            slider.remove()
+        for box in self._modes.values():
+            box.remove()
         self._sliders, self._modes, self._shape = {}, {}, shape
         with self._folder:
             for order, control in enumerate(self._known if shape else ()):
