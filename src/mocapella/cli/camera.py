@@ -36,7 +36,9 @@ class CameraNodeKeys(NodeKeys):
 def camera(
     source: Annotated[
         str,
-        typer.Argument(metavar="SOURCE", help="camera:0, /dev/video0, http://… or rtsp://…, a film or a folder."),
+        typer.Argument(
+            metavar="SOURCE", help="camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film or a folder."
+        ),
     ],
     name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=f"{NAME_HELP} As in the rig.")],
     connect: Connect = DEFAULT_ADDRESS,

@@ -21,7 +21,8 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA.",
+        help="camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film, a folder of images, or "
+        "rendered:SCENE/CAMERA.",
     ),
 ]
 Size = Annotated[

@@ -16,6 +16,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.sources.camera_controls import CameraWishes
 from mocapella.sources.capture_camera import CaptureCamera, camera_number
 from mocapella.sources.paced_pictures import PacedPictures
+from mocapella.sources.pi_camera import PI_CAMERA, PiCamera, pi_camera_number
 from mocapella.sources.picture_source import PictureSource, SourceState
 from mocapella.sources.video import LIVE, Frames, pictures
 
@@ -23,7 +24,9 @@ STREAMS: Final = ("http://", "https://", "rtsp://", "rtmp://", "udp://", "tcp://
 RENDERED: Final = "rendered:"
 SETTLED: Final = 30
 """Number of images after which a camera's automatic control has settled, if it cannot be switched off."""
-KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
+KINDS: Final = (
+    "camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
+)
 
 
 def open_pictures(
@@ -51,6 +54,13 @@ def open_pictures(
         return CaptureCamera(int(number), text, wishes)
     if (number_of := camera_number(text)) is not None:
         return CaptureCamera(number_of, text, wishes)
+    if text.startswith(PI_CAMERA):
+        number_of = pi_camera_number(text)
+        if number_of is None:
+            raise SettingsError(
+                f"source {text!r} cannot be used; write {PI_CAMERA}0 for the first camera of a Raspberry Pi"
+            )
+        return PiCamera(number_of, text, wishes)
     if text.startswith(STREAMS):
         return CaptureCamera(text, text, wishes)
     if text.startswith(RENDERED):
@@ -68,7 +78,7 @@ def open_pictures(
 
 def is_live(text: str) -> bool:
     """Whether a name means a camera, a stream or a rendered scene instead of a file or folder."""
-    return text.startswith((LIVE, RENDERED, *STREAMS)) or camera_number(text) is not None
+    return text.startswith((LIVE, PI_CAMERA, RENDERED, *STREAMS)) or camera_number(text) is not None
 
 
 def one_picture(
@@ -98,7 +108,7 @@ def one_picture(
             if number == wanted:
                 return image, SourceState((image.shape[1], image.shape[0]))
         raise InputError("has no such picture", file=text, field="frame", value=wanted, fix="name an earlier one")
-    if not isinstance(source, CaptureCamera):  # any instant of a scene can be rendered directly
+    if not isinstance(source, CaptureCamera | PiCamera):  # any instant of a scene can be rendered directly
         from mocapella.sources.simulate.rendered_camera import RenderedCamera
 
         assert isinstance(source, RenderedCamera)
