@@ -30,7 +30,13 @@ KINDS: Final = (
 
 
 def open_pictures(
-    text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
+    text: str,
+    wishes: CameraWishes | None = None,
+    *,
+    loop: bool = False,
+    seed: int = 0,
+    rate_option: str = "--fps",
+    prerender: int = 0,
 ) -> PictureSource:
     """Return the image source of a name, without opening it; a name that is no camera, stream or scene is a path.
 
@@ -41,6 +47,8 @@ def open_pictures(
         loop: whether videos and folders repeat.
         seed: random seed of a rendered scene.
         rate_option: the command's option for the frame rate, named in the note on a video that states none.
+        prerender: number of images of a rendered scene that are made beforehand and repeated, at the requested rate; 0
+            renders each when it is due, at the scene's rate. No effect on other sources.
 
     Raises:
         SettingsError: the name is empty, a camera's number is none, or there is no such scene or camera of a scene. A
@@ -64,16 +72,24 @@ def open_pictures(
     if text.startswith(STREAMS):
         return CaptureCamera(text, text, wishes)
     if text.startswith(RENDERED):
-        from mocapella.sources.simulate.hand_scene import load_hand_scene
-        from mocapella.sources.simulate.rendered_camera import RenderedCamera
-
-        scene, slash, camera = text.removeprefix(RENDERED).partition("/")
-        if not slash:
-            raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
-        return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text, wishes.controls)
+        return _rendered(text, wishes, seed, prerender)
     if not text:
         raise SettingsError(f"no source; name {KINDS}")
     return PacedPictures(text, fps=wishes.fps, loop=loop, rate_option=rate_option)
+
+
+def _rendered(text: str, wishes: CameraWishes, seed: int, prerender: int) -> PictureSource:
+    from mocapella.sources.simulate.hand_scene import load_hand_scene
+    from mocapella.sources.simulate.prerendered_camera import PrerenderedCamera
+    from mocapella.sources.simulate.rendered_camera import RenderedCamera
+
+    scene, slash, camera = text.removeprefix(RENDERED).partition("/")
+    if not slash:
+        raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
+    made = load_hand_scene(scene, seed=seed)
+    if prerender:
+        return PrerenderedCamera(made, camera, text, prerender, wishes.fps)
+    return RenderedCamera(made, camera, text, wishes.controls)
 
 
 def is_live(text: str) -> bool:
