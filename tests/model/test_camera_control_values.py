@@ -84,6 +84,7 @@ def test_an_automatic_mode_and_a_read_only_control_refuse_values() -> None:
         ({"value": math.nan}, "value"),
         ({"least": 501}, "least"),
         ({"step": 0}, "step"),
+        ({"most": 1e11}, "most"),
         ({"mode": "", "automatic": True}, "automatic"),
     ],
 )

@@ -17,6 +17,9 @@ CONTROLS: Final = (
 """Names of the controls, in the order in which they are shown; ``white_balance`` is a colour temperature."""
 LONGEST: Final = 80
 """Longest name of a control, of a mode and of a unit, in characters."""
+LARGEST: Final = 1e10
+LEAST_STEP: Final = 1e-6
+"""Largest magnitude of a value, and smallest step: a description comes over the bus, and a slider counts its steps."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,10 @@ class ControlDescription:
         check(0 < len(self.name) <= LONGEST, "name", self.name[:LONGEST], f"1 to {LONGEST} characters")
         check(len(self.unit) <= LONGEST, "unit", self.unit[:LONGEST], f"at most {LONGEST} characters")
         check(len(self.mode) <= LONGEST, "mode", self.mode[:LONGEST], f"at most {LONGEST} characters")
-        for field in ("least", "most", "step", "default", "value"):
-            check(math.isfinite(getattr(self, field)), field, getattr(self, field), "finite")
+        for field in ("least", "most", "default", "value"):
+            check(abs(getattr(self, field)) <= LARGEST, field, getattr(self, field), f"within ±{LARGEST:g}")
         check(self.least <= self.most, "least", self.least, f"at most {self.most:g}, the largest value")
-        check(self.step > 0, "step", self.step, "above 0")
+        check(LEAST_STEP <= self.step <= LARGEST, "step", self.step, f"from {LEAST_STEP:g} to {LARGEST:g}")
         check(not self.automatic or bool(self.mode), "automatic", self.automatic, "False without a mode")
 
     @property

@@ -124,7 +124,7 @@ class CameraSliders:
         self._build(())
 
     def _take(self, answer: CameraAnswer) -> None:
-        self._known = tuple(answer.descriptions or ())[:_MOST]
+        self._known = tuple({control.name: control for control in answer.descriptions or ()}.values())[:_MOST]
         saved = (answer.controls or {}).get("saved")
         self._saved = saved if isinstance(saved, dict) else {}
         shape = tuple((c.name, c.unit, c.least, c.most, c.step, c.mode, c.read_only) for c in self._known)
