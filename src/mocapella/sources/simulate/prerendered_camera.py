@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from mocapella.errors import SettingsError
 from mocapella.model.camera_controls import ControlDescription
 from mocapella.settings import check
@@ -65,4 +63,4 @@ class PrerenderedCamera(RenderedCamera):
         if not self._images:
             return super().render(at_s)
         k = round((at_s - self._phase_s) * self._fps) % (2 * self._count - 2)
-        return np.array(self._images[min(k, 2 * self._count - 2 - k)])
+        return self._images[min(k, 2 * self._count - 2 - k)].copy()
