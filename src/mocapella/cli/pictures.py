@@ -49,6 +49,12 @@ WHITE_BALANCE: Final = KeySpec("White balance; by default the profile's.", _DRIV
 RED: Final = KeySpec("Red white balance; by default the profile's.", _DRIVERS)
 BLUE: Final = KeySpec("Blue white balance; by default the profile's.", _DRIVERS)
 
+_LIGHT: Final = ("exposure", "gain")  # one mode sets both in some cameras
+_SET_BY: Final = dict.fromkeys(_LIGHT, _LIGHT) | dict.fromkeys(
+    ("white_balance", "white_balance_red", "white_balance_blue"), ("white_balance",)
+)
+"""The automatic modes that may set a control."""
+
 
 @dataclass(frozen=True)
 class CameraKeys:
@@ -97,7 +103,7 @@ def wishes(
 
     if profile is not None:
         said = given.values
-        modes = {"white_balance" if name.startswith("white_balance") else name for name in said}
+        modes = {mode for name in said for mode in _SET_BY.get(name, ())}
         kept = tuple(mode for mode in profile.controls.automatic if mode not in modes)
         given = replace(profile.controls, **said, automatic=kept)
     size_px = None if profile is None else profile.size_px

@@ -321,7 +321,8 @@ class CameraService:
         return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
 
     def _save_controls(self) -> NodeAnswer:
-        file, detector = self._profile_file("camera settings"), self._work.detector
+        file = self._profile_file("camera settings", " (node markers), or give them at its start (--set exposure=…)")
+        detector = self._work.detector
         if not self._live.descriptions():
             raise NotNowError(f"{self._work.acquisition.source.name} has no controls that can be set; nothing to save")
         if self._before == _SAVED and detector is not None:
@@ -334,9 +335,9 @@ class CameraService:
         self._say(f"{profile.camera}: camera settings saved to {file}")
         return NodeAnswer(True, f"camera settings saved to {file}")
 
-    def _profile_file(self, what: str) -> Path:
+    def _profile_file(self, what: str, other: str = "") -> Path:
         if self._file is None:
-            raise NotNowError(f"this node was started without --profile FILE; start it with one to keep {what}")
+            raise NotNowError(f"this node was started without --profile FILE; start it with one to keep {what}{other}")
         return self._file
 
     def _save_with_controls(self, file: Path, profile: ColourProfile) -> ColourProfile:
