@@ -123,6 +123,10 @@ def test_an_automatic_mode_is_saved_and_is_on_again(made: Harness, tmp_path: Pat
     assert made.ask(AskSaveControls()).ok
     saved = load_profile(tmp_path / "left.json")
     assert saved.controls.automatic == ("exposure",)
+    for _ in range(3):
+        made.source.render(0.2)
+    assert made.value("exposure") != saved.controls.exposure
+    assert not made.report()["unsaved_controls"]  # the camera moved it, not the user
     again = Harness(tmp_path / "left.json", profile=saved)
     assert "automatic exposure is on, as saved" in " ".join(again.report()["problems"])
     assert again.ask(AskSet({"exposure": 60.0}, {"exposure": False})).ok

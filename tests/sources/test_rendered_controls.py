@@ -111,6 +111,7 @@ def test_a_profiles_values_are_set_at_the_start_and_what_the_camera_lacks_is_sai
     assert (state.controls.exposure, state.controls.brightness, state.controls.gain) == (90.0, 5.0, 0.0)
     assert state.controls.automatic == ("white_balance",)
     assert state.controls.white_balance_red != 3.0  # its mode sets it
+    assert not any("white balance red" in problem for problem in state.problems)
     said = " | ".join(state.problems)
     assert "white balance cannot be set to 4600: there is no such control" in said
     assert r"gain cannot be set to 900: gain is 900.0; it must be from 0 to 24 (dB)" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -32,6 +33,8 @@ class Node:
         self.saved = {"exposure": 60.0, "gain": 0.0, "automatic": []}
         self.asked: list[dict[str, Any]] = []
         self.fails: MocapellaError | None = None
+        self.free = threading.Event()
+        self.free.set()
 
     def ask(self, camera: str, question: dict[str, Any], timeout_s: float) -> NodeAnswer:
         self.asked.append(question)
@@ -44,6 +47,7 @@ class Node:
             self.saved = {**{c.name: c.value for c in now}, "automatic": [c.mode for c in now if c.automatic]}
             return NodeAnswer(True, "saved to left.json")
         if question["ask"] == "set":
+            self.free.wait(10.0)
             accepted = checked(now, question["values"], question["automatic"])
             now = [replace(c, automatic=question["automatic"].get(c.mode, c.automatic)) for c in now]
             now = self.has[camera] = [replace(c, value=accepted.get(c.name, c.value)) for c in now]
@@ -181,6 +185,36 @@ def test_another_camera_has_other_sliders(rig: Rig) -> None:
     rig.camera = ""
     rig.step()
     assert not rig.sliders._folder.visible
+
+
+def test_a_slider_keeps_the_users_value_until_the_node_has_answered(rig: Rig) -> None:
+    rig.opened()
+    rig.node.free.clear()
+    rig.move("gain", 3.0)
+    rig.until(lambda: bool(rig.of("set")), "it is under way")
+    before = len(rig.of("controls"))
+    rig.until(lambda: len(rig.of("controls")) > before + 1, "the old value has come again")
+    for _ in range(5):
+        rig.step()
+    assert rig.sliders._sliders["gain"].value == 3.0
+    rig.node.free.set()
+    rig.until(lambda: not rig.sliders._busy, "it is answered")
+    assert rig.sliders._sliders["gain"].value == 3.0
+
+
+def test_an_answer_of_the_camera_before_is_not_shown(rig: Rig) -> None:
+    rig.opened()
+    rig.node.free.clear()
+    rig.move("gain", 3.0)
+    rig.until(lambda: bool(rig.of("set")), "it is under way")
+    rig.camera = "right"
+    rig.until(lambda: list(rig.sliders._sliders) == ["gain"], "they are the other camera's")
+    rig.node.free.set()
+    rig.until(lambda: rig.node.has["left"][1].value == 3.0, "it is set")
+    for _ in range(10):
+        rig.step()
+        assert list(rig.sliders._sliders) == ["gain"]
+    assert rig.sliders._sliders["gain"].value == 0.0
 
 
 def test_who_watches_sees_the_values_and_sets_none(server: viser.ViserServer) -> None:

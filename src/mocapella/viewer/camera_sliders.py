@@ -88,9 +88,10 @@ class CameraSliders:
         if not self._folder.visible:
             return
         shot = self._feed.want_controls(camera, now_s)
-        if shot.answer is not None and shot.number != self._seen and not self._busy:
+        if shot.answer is not None and shot.number != self._seen:
             self._seen = shot.number
-            self._take(shot.answer)
+            if not self._busy:  # else it is older than what the user does
+                self._take(shot.answer)
         self._write_note(shot.problem, waiting=shot.answer is None)
         if (self._values or self._automatic) and not self._under_way and now_s >= self._next_s:
             self._next_s = now_s + SEND_EVERY_S

@@ -8,7 +8,7 @@ import msgspec
 import zenoh
 
 from mocapella.decoding import decode_json
-from mocapella.errors import BusError, InputError, SettingsError, WireError
+from mocapella.errors import BusError, InputError, WireError
 from mocapella.model.camera_controls import ControlDescription
 from mocapella.wire import keys
 
@@ -195,7 +195,7 @@ def read_answer(data: bytes) -> NodeAnswer:
         raise WireError(f"the answer has {len(data)} bytes; at most {MAX_ANSWER_BYTES} are read")
     try:
         return decode_json(data, NodeAnswer)
-    except (InputError, SettingsError) as error:
+    except InputError as error:
         raise WireError(f"{len(data)} bytes that are no answer of a node ({error})") from None
 
 
