@@ -122,6 +122,9 @@ def test_a_line_is_followed_from_each_end_to_its_fork() -> None:
     assert len(ways[2, 10]) == 9
     assert ways[2, 10][-1].tolist() == [10, 10]
     assert ends_of(np.zeros((5, 5), dtype=bool)) == []
+    block = np.zeros((9, 9), dtype=bool)
+    block[3:6, 3:6] = True
+    assert ends_of(block) == []  # its corners are no ends
     ring = cv2.circle(np.zeros((20, 20), np.uint8), (10, 10), 6, (1,), 1)
     assert ends_of(ring > 0) == []
 

@@ -47,6 +47,7 @@ def test_it_has_all_of_a_sensors_controls_each_in_its_range() -> None:
     exposure = found[0]
     assert (exposure.unit, exposure.value, exposure.most) == ("100 µs", 60, 500)  # 6 ms; a frame's 50 ms at most
     assert all(control.accepted(control.default) == control.default for control in found)
+    assert RenderedControls(made.camera).camera is made.camera
 
 
 def test_the_defaults_change_no_bit_of_a_picture() -> None:

@@ -93,4 +93,6 @@ class FakePicamera2:
         white = {"ColourGains": (2.1, 1.6)} if self.set.get("AwbEnable", True) else {}
         now = {"ExposureTime": 20000, "AnalogueGain": 1.0, "ColourGains": (1.0, 1.0)}
         stamp_ns = round((self.now_s + BOOT_S) * 1e9)
-        return {**now, **self.set, **automatic, **white, "SensorTimestamp": stamp_ns}
+        had = {**now, **self.set}
+        had["ExposureTime"] -= 7  # a whole number of lines
+        return {**had, **automatic, **white, "SensorTimestamp": stamp_ns}
