@@ -133,11 +133,20 @@ def _asked() -> list[Door]:
         b'{"ok":true,"time_ns":5,"size_px":[640,480],"corners":{"ids":[0,3],"corners_px":[[1,2],[3.5,4]],"edge_px":9}}'
     )
 
+    shown = b'{"ok":true,"positions_px":[[1,2],null],"controls":{"fps":30}}'
+    controls = (
+        b'{"ok":true,"descriptions":[{"name":"gain","unit":"","least":0,"most":9,"step":0.5,"default":0,"value":1}]}'
+    )
+    asked = [
+        b'{"ask":"board","board":"columns = 5","explain":true}',
+        b'{"ask":"set","values":{"gain":2.5},"automatic":{"exposure":false}}',
+    ]
+
     return [
-        of_bytes("questions", [b'{"ask":"board","board":"columns = 5","explain":true}'], read_question, TEXT),
+        of_bytes("questions", asked, read_question, TEXT),
         of_bytes("questions of the view", [b'{"ask":"picture","scale":0.5,"format":"png"}'],
                  lambda data: Link.ask(link, "left", decode_json(data, dict[str, Any]), 1.0), TEXT),
-        of_bytes("answers", [b'{"ok":true,"positions_px":[[1,2],null],"controls":{"fps":30}}'], read_answer, TEXT),
+        of_bytes("answers", [shown, controls], read_answer, TEXT),
         of_bytes("corners of boards", [corners], lambda data: cameras._look("left", read_answer(data), row), TEXT),
     ]  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import random
+import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -88,6 +89,7 @@ def _messages() -> list[Door]:
     from mocapella.schema.marker_datagrams import decode_marker_datagram
     from mocapella.sources import osc
     from mocapella.sources.bridge_messages import read_message
+    from mocapella.sources.v4l2_controls import V4l2Controls
     from mocapella.wire import keys
 
     vectors = {path.stem: path.read_bytes() for path in sorted(VECTORS.glob("*.bin"))}
@@ -101,6 +103,17 @@ def _messages() -> list[Door]:
     def stream(data: bytes) -> None:
         for message in DelimitedReader().feed(data):
             read_message(message)
+
+    def controls(data: bytes) -> None:
+        """A driver that gives these bytes for each description, and the last of them for each value."""
+
+        def ioctl(fd: int, request: int, buffer: bytearray) -> None:
+            answer = data[:68] if len(buffer) == 68 else data[68:]
+            buffer[:] = answer[: len(buffer)].ljust(len(buffer), b"\0")
+
+        V4l2Controls(0, ioctl).controls()
+
+    described = struct.pack("=II32siiiiIII", 9, 1, b"gain", 0, 100, 1, 0, 0, 0, 0) + struct.pack("=Ii", 9, 5)
 
     return [
         of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),
@@ -120,6 +133,7 @@ def _messages() -> list[Door]:
             "bus keys", [b"mocapella/v1/live/front/00000000000000ff"],
             lambda data: keys.node_of(data.decode("latin-1")), TEXT,
         ),
+        of_bytes("V4L2 controls", [described], controls, BYTES, 0.2),
     ]  # fmt: skip
 
 

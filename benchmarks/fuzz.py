@@ -29,6 +29,7 @@ PIECE: Final = 20_000
 
 PARTS: Final = (
     "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys",
+    "V4L2 controls",
     "requests for frames", "answers about frames", "numbers of frames", "clocks", "replies", "statuses",
     "replies to nodes", "questions", "questions of the view", "answers", "corners of boards", "commands", "rings",
     "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "accounts of takes", "bodies' builds",

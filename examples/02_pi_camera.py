@@ -1,33 +1,35 @@
-"""A camera's program, such as on a Raspberry Pi: it waits for the start command and sends a datagram for each picture.
+"""A camera's program, such as on a Raspberry Pi: it finds colour markers and sends a datagram for each picture.
 
-``python 02_pi_camera.py MASTER PORT [PICTURES [START_PORT]]``; put your own detection into `find_markers`. It needs
-Python alone; see docs/wire.md. `mocapella node datagrams --camera left=PORT --set start_to=HOST:5000`
-hears it, where HOST is the network's broadcast address.
+``python 02_pi_camera.py SOURCE PROFILE MASTER PORT [PICTURES [START_PORT]]``, such as ``picamera:0 left.json 192.0.2.7
+5001``. SOURCE is one of `mocapella node markers`; PROFILE has its colours, and is ``-`` for a rendered scene. At the
+end it prints how long each stage took. `mocapella node datagrams` hears it; docs/markers-rig.md builds a rig of two.
 """
 
-import math
+import contextlib
 import socket
 import sys
 import time
 
+import numpy as np
+from rich.console import Console
+
+from mocapella.cli.markers import show_times
+from mocapella.conventions import NS_PER_S
+from mocapella.live.stage_times import StageTimes
+from mocapella.model.markers import MarkerFrame
+from mocapella.sensing.colour_profile import load_profile
+from mocapella.sensing.markers import MarkerDetector
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.camera_controls import CameraWishes
+from mocapella.sources.open_pictures import open_pictures
+
 START_PORT = 5000  # where the start command comes
-MARKERS = ("red", "yellow", "green", "blue", "magenta", "cyan")
-SIZE_PX = (640, 480)
-FPS = 60.0
 
 
-def find_markers(picture: int) -> dict[str, tuple[float, float]]:
-    """Pixels of the markers that are seen, x to the right, y down; here of a hand that waves."""
-    x = 0.5 * SIZE_PX[0] + 80 * math.sin(0.1 * picture)
-    seen = {name: (x + 40 * k - 100, 200.0 + 10 * k) for k, name in enumerate(MARKERS)}
-    if picture % 10 == 9:
-        del seen["cyan"]
-    return seen
-
-
-def datagram(picture: int, time_us: int, seen: dict[str, tuple[float, float]]) -> bytes:
-    """``#SEQUENCE,TIME_US;x,y;…``: a pair for each marker in the order agreed on, empty for one that is not seen."""
-    pairs = ["{:.2f},{:.2f}".format(*seen[name]) if name in seen else "" for name in MARKERS]
+def datagram(picture: int, time_us: int, frame: MarkerFrame) -> bytes:
+    """``#SEQUENCE,TIME_US;x,y;…``: a pair for each marker in the profile's order, empty for one that is not seen."""
+    seen = zip(frame.positions_px, frame.found, strict=True)
+    pairs = [f"{x:.2f},{y:.2f}" if found else "" for (x, y), found in seen]
     return (";".join([f"#{picture},{time_us}", *pairs]) + "\n").encode("ascii")
 
 
@@ -41,16 +43,35 @@ def wait_for_start(port: int) -> None:
 
 
 def main() -> None:
-    """Wait, and send."""
-    master, port = sys.argv[1], int(sys.argv[2])
-    pictures = int(sys.argv[3]) if len(sys.argv) > 3 else 10**9
-    start_port = int(sys.argv[4]) if len(sys.argv) > 4 else START_PORT
-    wait_for_start(start_port)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for picture in range(pictures):
-            taken_us = time.monotonic_ns() // 1000  # of a real camera: the middle of the exposure
-            out.sendto(datagram(picture, taken_us, find_markers(picture)), (master, port))
-            time.sleep(1.0 / FPS)
+    """Wait, look, and send."""
+    name, file, master, port = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
+    pictures = int(sys.argv[5]) if len(sys.argv) > 5 else 10**9
+    profile = None if file == "-" else load_profile(file)
+    wishes = None if profile is None else CameraWishes(profile.size_px, controls=profile.controls)
+    source = open_pictures(name, wishes)
+    detector = MarkerDetector(profile or source.profile())
+    width, height = detector.profile.size_px
+    detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the first picture
+    detector.reset()
+    times = StageTimes(min(pictures, 10_000), len(detector.profile.names))
+    stopped = contextlib.suppress(KeyboardInterrupt)
+    with stopped, Acquisition(source, say=print) as camera, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        print(f"--markers {','.join(detector.profile.names)} --size {width}x{height}", flush=True)
+        wait_for_start(int(sys.argv[6]) if len(sys.argv) > 6 else START_PORT)
+        camera.start()
+        number = 0
+        while number < pictures and not camera.ended:
+            if (taken := camera.take(0.1)) is None:
+                continue
+            begin_s = time.monotonic()
+            frame = detector.update(taken.image, taken.time_ns / NS_PER_S)
+            found_s = time.monotonic()
+            out.sendto(datagram(number, taken.time_ns // 1000, frame), (master, port))
+            sent_s = time.monotonic()
+            spent = {"retrieval": taken.retrieval_s, "detection": found_s - begin_s, "sending": sent_s - found_s}
+            times.add({**spent, "all": sum(spent.values())}, frame.positions_px)
+            number += 1
+    show_times(times.table(), times.jitter(detector.profile.names), None, Console())
 
 
 if __name__ == "__main__":

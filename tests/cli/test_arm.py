@@ -223,7 +223,7 @@ def test_detectors_and_stages_that_there_are_not(folder: Path, monkeypatch: pyte
     bare = SimpleNamespace(name="nearest", update=lambda depth, at_s: None, reset=lambda: None)
     monkeypatch.setitem(DETECTORS, "nearest", replace(NEAREST, make=lambda camera, settings: bare, stages=None))
     said = refusal("frames", *SAID, "--stages", "out")
-    assert "the detector nearest has none; detectors that do: line-skeleton" in said
+    assert "the detector nearest has none; detectors that do: angular-segments, line-skeleton, line-skeleton-3d" in said
 
 
 @pytest.mark.parametrize("verb", [["track", "arm", "frames"], ["node", "arm", "frames"], ["demo", "arm", "--no-view"]])
@@ -244,7 +244,8 @@ def test_the_former_name_is_refused_with_the_present_one(folder: Path) -> None:
 def test_detectors_are_listed(verb: list[str]) -> None:
     done = CliRunner().invoke(app, [*verb, "--detector", "help"])
     assert done.exit_code == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["kinematic-arm", "line-skeleton"]
+    names = ["angular-segments", "kinematic-arm", "line-skeleton", "line-skeleton-3d"]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == names
     assert DETECTORS["kinematic-arm"].summary in done.stdout
 
 

@@ -20,7 +20,7 @@ from mocapella.errors import InputError
 from mocapella.model.hand import TIPS
 from mocapella.sources.simulate.depth_scene import BODY, FIRST_ARM, DepthShot, load_depth_scene
 
-DETECTORS = ("kinematic-arm", "line-skeleton")
+DETECTORS = ("kinematic-arm", "line-skeleton", "line-skeleton-3d", "angular-segments")
 SAID = ["--intrinsics", "580,319.5,239.5", "--unit", "0.0001"]
 
 

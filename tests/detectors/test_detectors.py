@@ -22,7 +22,7 @@ HEAVY = {"cv2", "numba", "numpy", "scipy"}
 
 
 def of_ours(name: str) -> Detector:
-    if name == "line-skeleton":
+    if name != "kinematic-arm":
         pytest.importorskip("cv2", reason="its image processing needs OpenCV")
     return DETECTORS[name]
 

@@ -11,6 +11,7 @@ import threading
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from support.programs import Program, free_port, wait_until
@@ -21,7 +22,10 @@ from mocapella.errors import AddressInUseError, NameTakenError, SettingsError
 from mocapella.live.datagrams import run_datagrams
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.markers import MarkerFrame
+from mocapella.sensing.colour_profile import save_profile
 from mocapella.sources.datagram_settings import DatagramSettings
+from mocapella.sources.simulate.hand_camera import pointed_at
+from mocapella.sources.simulate.hand_scene import load_hand_scene
 from mocapella.testing import FakeServer
 from mocapella.wire.node import NodeLink
 
@@ -40,7 +44,13 @@ def free_udp_ports(count: int) -> list[int]:
 
 
 def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_floods(tmp_path: Path) -> None:
-    server = FakeServer()
+    server, scene = FakeServer(), load_hand_scene("demo", seed=3)
+    shots = [scene.at("left", 0.2 + 0.02 * k) for k in range(5)]
+    (tmp_path / "pictures").mkdir()
+    for k in range(PICTURES):
+        cv2.imwrite(str(tmp_path / "pictures" / f"{k:02}.png"), shots[k % 5].image)
+    save_profile(tmp_path / "left.json", pointed_at(scene, "left"))
+    seen = (str(tmp_path / "pictures"), str(tmp_path / "left.json"))
     left, right, *starts = free_udp_ports(4)
     report = tmp_path / "report.json"
     over = threading.Event()
@@ -58,13 +68,17 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
     try:
         with server:
             for port, start in zip((left, right), starts, strict=True):
-                command = [sys.executable, str(EXAMPLE), "127.0.0.1", str(port), str(PICTURES), str(start)]
-                senders.append(subprocess.Popen(command))
+                what = (*seen, "127.0.0.1", str(port), str(PICTURES), str(start))
+                with (tmp_path / f"{port}.txt").open("w") as said:
+                    senders.append(subprocess.Popen([sys.executable, str(EXAMPLE), *what], stdout=said))
+            ready = (lambda port=port: "--size" in (tmp_path / f"{port}.txt").read_text() for port in (left, right))
+            for learnt in ready:  # else one ends long before the other begins, and the flood has its port
+                wait_until("its colours are learnt", learnt, timeout=180.0)
             # There is no broadcast on the loopback: the node's start command reaches one, ours the other.
             with Program(
                 tmp_path, "node", *words, "--set", f"start_to=127.0.0.1:{starts[0]}", "--json", str(report)
             ) as node:
-                wait_until("the left one is heard", node.said("left: hears 127.0.0.1"))
+                wait_until("the left one is heard", node.said("left: hears 127.0.0.1"), timeout=180.0)
                 flooding.start()
                 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
 
@@ -72,10 +86,11 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
                         other.sendto(b"start", ("127.0.0.1", starts[1]))
                         return node.said("right: hears 127.0.0.1")()
 
-                    wait_until("the right one is heard", started)
-                assert [sender.wait(60.0) for sender in senders] == [0, 0]
+                    wait_until("the right one is heard", started, timeout=180.0)
                 wait_until("others are noticed", node.said("left: others send to its port, too"))
-                over.set()
+                time.sleep(0.5)
+                over.set()  # a program may take seconds to end, and after 2 s the port would be the flood's
+                assert [sender.wait(60.0) for sender in senders] == [0, 0]
                 assert node.end() == 0
     finally:
         over.set()
@@ -96,8 +111,14 @@ def test_two_programs_wait_for_the_start_and_become_two_cameras_while_a_third_fl
         assert (np.diff([frame.sequence for frame in frames]) > 0).all()
         assert (np.diff([frame.time_ns for frame in frames]) > 0).all()
         assert {frame.names for frame in frames} == {("red", "yellow", "green", "blue", "magenta", "cyan")}
-        assert (frames[0].positions_px[1] - frames[0].positions_px[0]).tolist() == pytest.approx([40, 10], abs=0.02)
-        assert any(not frame.found[5] for frame in frames)
+        assert np.mean([frame.found for frame in frames]) > 0.9
+        for frame in frames:
+            off = [np.abs(frame.positions_px - shot.centres_px)[frame.found].max() for shot in shots]
+            assert min(off) < 3.0
+    said = (tmp_path / f"{left}.txt").read_text()
+    assert "--markers red,yellow,green,blue,magenta,cyan --size 320x240" in said  # as `node datagrams` has it
+    assert "milliseconds over" in said
+    assert all(stage in said for stage in ("retrieval", "detection", "sending", "all"))
     # At most a turn's datagrams, and those of a buffer, in each of the port's turns: far fewer than were sent.
     assert 0 < done["cameras"]["left"]["other_senders"] <= 64 * 250 * (done["seconds"] + 1)
     assert done["cameras"]["right"]["other_senders"] == 0

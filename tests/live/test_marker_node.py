@@ -350,17 +350,18 @@ class StoppingLink:
 def run_here(times: StageTimes | None, camera: Camera | None = None) -> MarkerNodeSummary:
     """Run a node with a clock that goes on by a second with each look at it."""
     link, work, service = StoppingLink(), OneMarker(), SimpleNamespace(ask=None)
-    seconds = itertools.count()
+    seconds, spent_s = itertools.count(), itertools.count(100)
     with Acquisition(FakeCamera(SourceState((64, 48), None))) as acquisition:
         return run_marker_node(
             link, acquisition, work, service, stop=link.stop, times=times, camera=camera,  # type: ignore[arg-type]
-            clock=lambda: float(next(seconds)),
+            clock=lambda: float(next(seconds)), processor_clock=lambda: 0.25 * next(spent_s),
         )  # fmt: skip
 
 
 def test_a_node_measures_times_only_if_it_is_asked_to() -> None:
     done = run_here(None)
     assert (done.published, done.report, done.stages, done.jitter) == (3, {"errors": {}}, None, None)
+    assert done.processor_ms is None
 
 
 @pytest.mark.parametrize("calibrated", [False, True])
@@ -374,11 +375,13 @@ def test_each_stage_takes_its_own_time_and_all_take_the_sum(calibrated: bool) ->
     }
     assert {row["frames"] for row in done.stages.values()} == {3}
     assert done.jitter == {"red": {"x_px": 0, "y_px": 0, "seen": 3}}
+    assert done.processor_ms == 250.0
 
 
 @pytest.mark.slow
 def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> None:
     words = ["node", "markers", "rendered:demo/left", "--set", "timing=12", "--tags", "APRILTAG_36h11:7"]
+    words += ["--set", "prerender=4", "--fps", "60"]
     words += ["--json", str(tmp_path / "t.json"), "--connect", f"tcp/127.0.0.1:{free_port()}"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
@@ -388,6 +391,9 @@ def test_times_of_the_stages_are_measured_without_a_server(tmp_path: Path) -> No
                for row in summary["stages"].values())  # fmt: skip
     assert set(summary["jitter"]) == {"red", "yellow", "green", "blue", "magenta", "cyan"}
     assert "detection" in done.stdout
+    assert summary["processor_ms"] > 0
+    assert "of one core" in " ".join(done.stdout.split())
+    assert summary["report"]["asked_fps"] == 60.0
     assert summary["report"]["tags"]["images"] >= 12
 
 

@@ -1,7 +1,7 @@
-"""Two plain ways to count fingers, of which the problems are shown beside those of the line skeleton.
+"""Two plain ways of 2012 to count fingers, of which the problems are shown beside those of the line skeleton.
 
-The document that `line-skeleton` comes from gave up two methods before it; what is known here of it does not name them.
-These two are the plain ones of its time: convexity defects of the outline, and Hough lines of the edges.
+Convexity defects of the outline, and Hough lines of the edges. The two that the document of `line-skeleton` gave up are
+the detectors `angular-segments` and `line-skeleton-3d`.
 """
 
 from __future__ import annotations

@@ -51,3 +51,13 @@ def test_an_answer_beyond_the_limit_is_a_refusal_with_a_remedy() -> None:
     refusal = read_answer(write_answer(NodeAnswer(True, "x" * (room + 1))))
     assert not refusal.ok
     assert "ask for jpeg, or with a smaller scale" in refusal.message
+
+
+def test_a_description_that_no_control_has_is_no_answer() -> None:
+    control = b'{"name":"gain","unit":"","least":%d,"most":9,"step":1,"default":0,"value":1}'
+    good, bad = (b'{"ok":true,"descriptions":[' + control % least + b"]}" for least in (0, 10))
+    descriptions = read_answer(good).descriptions
+    assert descriptions is not None
+    assert descriptions[0].most == 9.0
+    with pytest.raises(WireError, match="least is 10"):
+        read_answer(bad)

@@ -10,7 +10,7 @@ import typer
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
 from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, NodeKeys, read_epoch
-from mocapella.cli.pictures import EXPOSURE, FOURCC, GAIN, WHITE_BALANCE, Fps, Size, tell_state, wishes
+from mocapella.cli.pictures import BLUE, EXPOSURE, FOURCC, GAIN, RED, WHITE_BALANCE, Fps, Size, tell_state, wishes
 
 FORMATS = ("jpeg", "png")
 
@@ -23,6 +23,8 @@ class CameraNodeKeys(NodeKeys):
     exposure: Annotated[float | None, EXPOSURE] = None
     gain: Annotated[float | None, GAIN] = None
     white_balance: Annotated[float | None, WHITE_BALANCE] = None
+    white_balance_red: Annotated[float | None, RED] = None
+    white_balance_blue: Annotated[float | None, BLUE] = None
     format: Annotated[str, KeySpec("Encoding of the published images; png is lossless.", choices=FORMATS)] = "jpeg"
     quality: Annotated[int, KeySpec("Quality of JPEG images.", "%", 1, 100)] = 90
     delay_ms: Annotated[float, replace(DELAY_MS, most=10_000)] = 0.0
@@ -34,7 +36,9 @@ class CameraNodeKeys(NodeKeys):
 def camera(
     source: Annotated[
         str,
-        typer.Argument(metavar="SOURCE", help="camera:0, /dev/video0, http://… or rtsp://…, a film or a folder."),
+        typer.Argument(
+            metavar="SOURCE", help="camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film or a folder."
+        ),
     ],
     name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=f"{NAME_HELP} As in the rig.")],
     connect: Connect = DEFAULT_ADDRESS,
@@ -68,7 +72,10 @@ def camera(
     keys = read_keys(CameraNodeKeys, settings_file, settings)
     sent = ImageSettings(cast(Literal["jpeg", "png"], keys.format), keys.quality, keys.delay_ms / 1e3)
     sensor = check_sensor_name(name)
-    given = CameraControls(keys.exposure, keys.gain, keys.white_balance)
+    given = CameraControls(
+        keys.exposure, keys.gain, keys.white_balance,
+        white_balance_red=keys.white_balance_red, white_balance_blue=keys.white_balance_blue,
+    )  # fmt: skip
     pictures = open_pictures(source, wishes(size, fps, keys.fourcc, given, None), loop=keys.loop)
     kept = FRAME_TYPES["images"].history_frames
     with Acquisition(pictures, say=say) as acquisition:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.console import Console
@@ -42,6 +42,10 @@ if TYPE_CHECKING:
     from mocapella.sources.picture_source import PictureSource
 
 
+THESIS_RATES_HZ: Final = (60, 90)
+"""Frame rates of the RHOT thesis' cameras [Hz]."""
+
+
 @dataclass(frozen=True)
 class MarkerKeys(CameraKeys, NodeKeys):
     """Settings of `node markers`."""
@@ -53,6 +57,10 @@ class MarkerKeys(CameraKeys, NodeKeys):
         int | None,
         KeySpec("Time the stages and measure the markers' jitter over this many frames, then stop.", "frames", least=2),
     ] = None
+    prerender: Annotated[
+        int,
+        KeySpec("Render so many images of a scene beforehand and repeat them at --fps; 0: none.", "images", 0, 1000),
+    ] = 0
 
 
 def markers(
@@ -100,7 +108,7 @@ def markers(
     known = _profile(profile)
     keys = read_keys(MarkerKeys, settings_file, settings)
     wanted = wishes(size, fps, keys.fourcc, keys.controls, known)
-    pictures = open_pictures(source, wanted, loop=keys.loop, seed=seed)
+    pictures = open_pictures(source, wanted, loop=keys.loop, seed=seed, prerender=keys.prerender)
     if known is None:
         known = _pointed_at(pictures)
     sensor = _name(name, known, profile)
@@ -133,12 +141,26 @@ def markers(
     for problem in summary.report["problems"]:
         say(f"{sensor}: {problem}")
     if times is not None:
-        show_times(summary.stages or {}, summary.jitter or {}, console if json == "-" else Console())
+        show_times(
+            summary.stages or {}, summary.jitter or {}, summary.processor_ms, console if json == "-" else Console()
+        )
     write_json(json, asdict(summary))
 
 
-def show_times(stages: dict[str, dict[str, float]], jitter: dict[str, dict[str, float]], out: Console) -> None:
-    """Print the times of the stages, and the jitter of each marker."""
+def show_times(
+    stages: dict[str, dict[str, float]],
+    jitter: dict[str, dict[str, float]],
+    processor_ms: float | None,
+    out: Console,
+) -> None:
+    """Print the times of the stages, what the program needs of a processor core, and the jitter of each marker.
+
+    Args:
+        stages: `StageTimes.table`.
+        jitter: `StageTimes.jitter`.
+        processor_ms: processor time of an image in all of the program's threads [ms]; None is not printed.
+        out: where to print.
+    """
     frames = int(stages["all"]["frames"]) if "all" in stages else 0
     table = Table(title=f"milliseconds over {frames} frames", title_justify="left")
     for heading in ("stage", "mean", "median", "sd", "99 %", "max"):
@@ -146,6 +168,9 @@ def show_times(stages: dict[str, dict[str, float]], jitter: dict[str, dict[str, 
     for stage, row in stages.items():
         table.add_row(stage, *(f"{row[key]:.3f}" for key in ("mean_ms", "median_ms", "sd_ms", "p99_ms", "max_ms")))
     out.print(table)
+    if processor_ms:
+        shares = ", ".join(f"{0.1 * rate * processor_ms:.1f} % at {rate} a second" for rate in THESIS_RATES_HZ)
+        out.print(f"processor: {processor_ms:.2f} ms an image in all threads; of one core {shares}")
     table = Table(title="standard deviation of a centre, jitter where nothing moves", title_justify="left")
     for heading in ("marker", "x, px", "y, px", "frames"):
         table.add_column(heading, justify="left" if heading == "marker" else "right")

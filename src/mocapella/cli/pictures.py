@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -21,7 +21,8 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA.",
+        help="camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film, a folder of images, or "
+        "rendered:SCENE/CAMERA.",
     ),
 ]
 Size = Annotated[
@@ -45,6 +46,14 @@ _DRIVERS: Final = "driver's unit"
 EXPOSURE: Final = KeySpec("Exposure; by default the profile's.", _DRIVERS)
 GAIN: Final = KeySpec("Gain; by default the profile's.", _DRIVERS)
 WHITE_BALANCE: Final = KeySpec("White balance; by default the profile's.", _DRIVERS)
+RED: Final = KeySpec("Red white balance; by default the profile's.", _DRIVERS)
+BLUE: Final = KeySpec("Blue white balance; by default the profile's.", _DRIVERS)
+
+_LIGHT: Final = ("exposure", "gain")  # one mode sets both in some cameras
+_SET_BY: Final = dict.fromkeys(_LIGHT, _LIGHT) | dict.fromkeys(
+    ("white_balance", "white_balance_red", "white_balance_blue"), ("white_balance",)
+)
+"""The automatic modes that may set a control."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +66,17 @@ class CameraKeys:
     white_balance: Annotated[float | None, WHITE_BALANCE] = None
     saturation: Annotated[float | None, KeySpec("Saturation; by default the profile's.", _DRIVERS)] = None
     contrast: Annotated[float | None, KeySpec("Contrast; by default the profile's.", _DRIVERS)] = None
+    white_balance_red: Annotated[float | None, RED] = None
+    white_balance_blue: Annotated[float | None, BLUE] = None
+    brightness: Annotated[float | None, KeySpec("Brightness; by default the profile's.", _DRIVERS)] = None
 
     @property
     def controls(self) -> CameraControls:
         """The camera controls of these settings; None for those not given."""
+        from mocapella.model.camera_controls import CONTROLS
         from mocapella.sensing.colour_profile import CameraControls
 
-        return CameraControls(self.exposure, self.gain, self.white_balance, self.saturation, self.contrast)
+        return CameraControls(**{name: getattr(self, name) for name in CONTROLS})
 
 
 def wishes(
@@ -79,7 +92,8 @@ def wishes(
         size: such as ``640x480``; None if not given.
         fps: frame rate [Hz]; None if not given.
         fourcc: four-character code of the image format; None if not given.
-        given: `CameraControls` with the values of the options; None where an option is not given.
+        given: `CameraControls` with the values of the options; None where an option is not given. A given value
+            switches the automatic mode off that the profile has on.
         profile: learnt colours, whose controls and image size were in use; None if there are none.
 
     Raises:
@@ -88,8 +102,10 @@ def wishes(
     from mocapella.sources.camera_controls import CameraWishes
 
     if profile is not None:
-        said = {name: value for name, value in asdict(given).items() if value is not None and name != "automatic"}
-        given = replace(profile.controls, **said)
+        said = given.values
+        modes = {mode for name in said for mode in _SET_BY.get(name, ())}
+        kept = tuple(mode for mode in profile.controls.automatic if mode not in modes)
+        given = replace(profile.controls, **said, automatic=kept)
     size_px = None if profile is None else profile.size_px
     if size is not None:
         size_px = parse_size(size)

@@ -9,6 +9,8 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from dataclasses import replace as changed
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Literal, Protocol
@@ -16,6 +18,7 @@ from typing import Any, Final, Literal, Protocol
 from msgspec.structs import replace
 
 from mocapella.errors import MocapellaError, NotNowError, SettingsError
+from mocapella.live.live_controls import LiveControls
 from mocapella.live.marker_work import DetectedPicture
 from mocapella.model.board import parse_board
 from mocapella.sensing.boards import BoardDetector, why_not_found
@@ -36,6 +39,8 @@ from mocapella.wire.questions import (
     AskPicture,
     AskReport,
     AskSave,
+    AskSaveControls,
+    AskSet,
     NodeAnswer,
     read_question,
     write_answer,
@@ -109,7 +114,7 @@ class CameraService:
 
     Args:
         work: the node's processing, which has the newest image and the colours.
-        profile_file: file to which `AskSave` writes the colours; None refuses `AskSave`.
+        profile_file: file to which `AskSave` and `AskSaveControls` write; None refuses them.
         settings: limits; the defaults if None.
         say: receives messages about changes.
         clock: the monotonic clock, in seconds.
@@ -200,9 +205,14 @@ class CameraService:
                 painted = mask_image(look.image, look.detector.profile, look.detector.table, look.frame)
                 return self._pictured(look, painted, kind, scale)
             case AskControls():
-                return NodeAnswer(True, controls=self._controls())
+                return self._controls()
+            case AskSet(values=values, automatic=automatic):
+                return self._controls("; ".join(self._live.set(values, automatic)))
+            case AskSaveControls():
+                return self._save_controls()
             case AskReport():
-                own = {"unsaved": self._before != _SAVED, "errors": self._errors.counts}
+                unsaved = {"unsaved": self._before != _SAVED, "unsaved_controls": self._live.unsaved}
+                own = {**unsaved, "errors": self._errors.counts}
                 report = {**self._work.report(), **own}
                 return NodeAnswer(True, self._work.words(), report=report)
             case AskLearn() as wanted:
@@ -241,11 +251,17 @@ class CameraService:
             ],
         )
 
-    def _controls(self) -> dict[str, Any]:
-        acquisition = self._work.acquisition
+    @cached_property
+    def _live(self) -> LiveControls:
+        return LiveControls(self._work.acquisition)
+
+    def _controls(self, problem: str = "") -> NodeAnswer:
+        """Answer with the controls; refuse with ``problem`` if it is not empty."""
+        acquisition, live = self._work.acquisition, self._live
         state, report = acquisition.state, acquisition.report()
-        return {
-            **asdict(state.controls),
+        controls = {
+            **asdict(live.present()),
+            "saved": asdict(live.saved),
             "fps": report.fps,
             "asked_fps": report.asked_fps,
             "size_px": state.size_px,
@@ -253,6 +269,7 @@ class CameraService:
             "times": acquisition.source.times,
             "source": acquisition.source.name,
         }
+        return NodeAnswer(not problem, problem, controls=controls, descriptions=list(live.descriptions()))
 
     def _learn(self, wanted: AskLearn) -> NodeAnswer:
         samples = [ColourSample(self._kept(part.time_ns), part.points) for part in wanted.clicks]
@@ -265,7 +282,7 @@ class CameraService:
             self._work.camera,
             samples,
             backgrounds=[self._kept(time_ns) for time_ns in wanted.backgrounds],
-            controls=self._work.acquisition.state.controls,
+            controls=self._live.present(),
         )
         how = separability(profile)
         if self._before == _SAVED:
@@ -295,15 +312,41 @@ class CameraService:
         return self._shown[time_ns].image
 
     def _save(self) -> NodeAnswer:
-        if self._file is None:
-            raise NotNowError("this node was started without --profile FILE; start it with one to keep colours")
+        file = self._profile_file("colours")
         if self._work.detector is None:
             raise NotNowError("no colours are learnt yet; there is nothing to save")
-        profile = self._work.detector.profile
-        save_profile(self._file, profile)
+        profile = self._save_with_controls(file, self._work.detector.profile)
         self._before = _SAVED
         self._say(f"{profile.camera}: colours saved to {self._file}")
         return NodeAnswer(True, f"saved to {self._file}", names=list(profile.names))
+
+    def _save_controls(self) -> NodeAnswer:
+        file = self._profile_file("camera settings", " (node markers), or give them at its start (--set exposure=…)")
+        detector = self._work.detector
+        if not self._live.descriptions():
+            raise NotNowError(f"{self._work.acquisition.source.name} has no controls that can be set; nothing to save")
+        if self._before == _SAVED and detector is not None:
+            profile = detector.profile
+        elif isinstance(self._before, ColourProfile):
+            profile = self._before
+        else:
+            raise NotNowError("camera settings are saved with colours, and none are saved yet; learn and save them")
+        self._save_with_controls(file, profile)
+        self._say(f"{profile.camera}: camera settings saved to {file}")
+        return NodeAnswer(True, f"camera settings saved to {file}")
+
+    def _profile_file(self, what: str, other: str = "") -> Path:
+        if self._file is None:
+            raise NotNowError(f"this node was started without --profile FILE; start it with one to keep {what}{other}")
+        return self._file
+
+    def _save_with_controls(self, file: Path, profile: ColourProfile) -> ColourProfile:
+        """Write a profile with the present controls, where they can be set, and return it."""
+        if self._live.descriptions():
+            profile = changed(profile, controls=self._live.present())
+        save_profile(file, profile)
+        self._live.saved = self._live.present()
+        return profile
 
     def _discard(self) -> NodeAnswer:
         if self._before == _SAVED:

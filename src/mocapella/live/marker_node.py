@@ -32,6 +32,8 @@ class MarkerNodeSummary:
         seconds: from the start of acquisition to the end [s].
         report: as `MarkerWork.report`.
         stages, jitter: `StageTimes.table` and `StageTimes.jitter`; None if no times were measured.
+        processor_ms: processor time of an image, in all threads of the process, also the camera's [ms]; None if no
+            times were measured.
     """
 
     sensor: str
@@ -42,6 +44,7 @@ class MarkerNodeSummary:
     report: dict[str, Any]
     stages: dict[str, dict[str, float]] | None = None
     jitter: dict[str, dict[str, float]] | None = None
+    processor_ms: float | None = None
 
 
 def run_marker_node(
@@ -58,6 +61,7 @@ def run_marker_node(
     times: StageTimes | None = None,
     camera: Camera | None = None,
     clock: Callable[[], float] = time.monotonic,
+    processor_clock: Callable[[], float] = time.process_time,
 ) -> MarkerNodeSummary:
     """Detect markers in the newest image and publish them, until the source ends or ``stop`` is set.
 
@@ -78,6 +82,7 @@ def run_marker_node(
             no times.
         camera: the calibrated camera; then the time to undistort the points is measured, too. None if unknown.
         clock: the monotonic clock, in seconds.
+        processor_clock: processor time of the process, in seconds.
 
     Returns:
         The node's identity and counts; with ``times``, also the durations of the stages and the markers' jitter.
@@ -89,6 +94,7 @@ def run_marker_node(
         InputError: an image file of the source cannot be read.
     """
     s = settings or CameraNodeSettings()
+    spent_s: list[float] = []
 
     def look(picture: Picture) -> None:
         begin_s = clock()
@@ -106,6 +112,7 @@ def run_marker_node(
             }
             found = frame.positions_px[: len(work.names)]  # tags come after the colours
             times.add({**stages, "all": sum(stages.values())}, found)
+            spent_s[1:] = [processor_clock()]
 
     run = run_camera_node(
         link, acquisition, work, look, s, epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
@@ -120,6 +127,7 @@ def run_marker_node(
         report=work.report() | {"errors": run.errors},
         stages=None if times is None else times.table(),
         jitter=None if times is None else times.jitter(work.names),
+        processor_ms=1e3 * (spent_s[1] - spent_s[0]) / (times.count - 1) if times and len(spent_s) > 1 else None,
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mocapella.decoding import decode_json, read_whole
 from mocapella.errors import InputError, MocapellaError, SettingsError
+from mocapella.model.camera_controls import CONTROLS
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.whole_file import write_whole
 from mocapella.settings import check, parse
@@ -49,8 +50,10 @@ def brightness(bgr: NDArray[Any]) -> Float64:
 class CameraControls:
     """Values of a camera's controls, in its driver's units; None for a missing control.
 
+    The fields are named as in `mocapella.model.camera_controls.CONTROLS`.
+
     Attributes:
-        automatic: names of the automatic modes that could not be switched off; none is best.
+        automatic: names of the automatic modes that are on, since they cannot be switched off or were left on.
     """
 
     exposure: float | None = None
@@ -59,6 +62,15 @@ class CameraControls:
     saturation: float | None = None
     contrast: float | None = None
     automatic: tuple[str, ...] = ()
+    brightness: float | None = None
+    white_balance_red: float | None = None
+    white_balance_blue: float | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values by name, without the missing ones."""
+        found = {name: getattr(self, name) for name in CONTROLS}
+        return {name: value for name, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ class LineSkeleton:
             )
         if not len(points.metres):
             return Looked(first, second, third, points, reason="no point of the grid is in the arm and the cube region")
-        fourth = hand(second, third, points, 0.5 * float(self.camera.lens[0] + self.camera.lens[1]), s)
+        fourth = self._hand(second, third, points)
         return Looked(first, second, third, points, fourth, *self._placed(points, fourth))
 
     def stages(self, depth: Float32) -> Mapping[str, UInt8]:
@@ -165,6 +165,15 @@ class LineSkeleton:
         from mocapella.sensing.line_skeleton_sheet import pictures
 
         return pictures(self.look(depth))
+
+    @property
+    def focal_px(self) -> float:
+        """Mean focal length of the camera [px]."""
+        return 0.5 * float(self.camera.lens[0] + self.camera.lens[1])
+
+    def _hand(self, of: ArmOutline, found: Lines, points: PointGrid) -> HandJoints:
+        """Locate the joints in the image; methods that find fingers otherwise replace it."""
+        return hand(of, found, points, self.focal_px, self.settings)
 
     def _nothing(self, first: Separated) -> str:
         s, seen = self.settings, first.millimetres[first.millimetres > 0]

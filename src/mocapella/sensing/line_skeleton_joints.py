@@ -141,6 +141,14 @@ def palm_and_wrist(centre: Float64, elbow: Float64) -> tuple[Float64, Float64]:
     return palm, ((elbow + palm) / 2.0 + palm) / 2.0
 
 
+def place_of(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float) -> Place:
+    """Locate elbow, palm and wrist of an arm with at least one line and one grid point; arguments as in `hand`."""
+    elbow = elbow_of(found.segments, found.rotation_degrees, of.centre)
+    palm, wrist = palm_and_wrist(of.centre, elbow)
+    px_per_m = focal_px / float(points.metres[nearest(points, palm)])
+    return Place(elbow, palm, wrist, _inside(found.skeleton.distance, palm), px_per_m)
+
+
 def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: LineSkeletonSettings) -> HandJoints:
     """Locate all joints of an arm with at least one line and one grid point.
 
@@ -148,20 +156,18 @@ def hand(of: ArmOutline, found: Lines, points: PointGrid, focal_px: float, s: Li
         of, found, points, s: the arm, its lines, its grid points and the settings.
         focal_px: the depth camera's focal length, to convert the settings' metres to pixels [px].
     """
-    elbow = elbow_of(found.segments, found.rotation_degrees, of.centre)
-    palm, wrist = palm_and_wrist(of.centre, elbow)
-    px_per_m = focal_px / float(points.metres[nearest(points, palm)])
-    place = Place(elbow, palm, wrist, _inside(found.skeleton.distance, palm), px_per_m)
+    place = place_of(of, found, points, focal_px)
+    elbow, palm, wrist, px_per_m = place.elbow, place.palm, place.wrist, place.px_per_m
     corners, hulls = _corners(of, s), _hulls(of, place, s)
     at = palm if s.angle_at == "palm" else wrist
     outer = _outer(of, corners, hulls, place, s)
-    outer = outer[np.abs(_angles(outer, at, at - elbow)) <= math.radians(s.finger_degrees)]
+    outer = outer[np.abs(angles(outer, at, at - elbow)) <= math.radians(s.finger_degrees)]
     outer = outer[np.argsort(-np.hypot(*(outer - palm).T), kind="stable")][:FINGERS]
     outer = points.pixels[[nearest(points, tip) for tip in outer]].astype(np.float64).reshape(-1, 2)
     blobs = _blobs(points, place, s)
     tips = np.zeros((FINGERS, 2))
     both = _merged(outer, blobs, 2.0 * s.tip_radius_m * px_per_m)
-    order = np.argsort(_angles(both, at, at - elbow), kind="stable")
+    order = np.argsort(angles(both, at, at - elbow), kind="stable")
     tips[: len(both)] = both[order]
     return HandJoints(elbow, palm, wrist, place.inside_px, corners, hulls, outer, blobs, tips)
 
@@ -178,8 +184,11 @@ def _inside(distance: Float32, palm: Float64) -> float:
     return float(distance[y, x]) if 0 <= x < width and 0 <= y < height else 0.0
 
 
-def _angles(pixels: Float64, at: Float64, direction: Float64) -> Float64:
-    """(n,) signed angles from a direction to pixels, seen from ``at``; clockwise in the picture is positive [rad]."""
+def angles(pixels: Float64, at: Float64, direction: Float64) -> Float64:
+    """Return (n,) signed angles [rad] from a direction (2,) to pixels (n, 2), seen from the pixel ``at`` (2,).
+
+    Clockwise in the image is positive.
+    """
     x, y = (pixels - at).reshape(-1, 2).T
     dx, dy = direction
     return np.asarray(np.arctan2(dx * y - dy * x, dx * x + dy * y))

@@ -1,4 +1,4 @@
-"""Set a camera's exposure, gain, white balance, saturation and contrast through OpenCV, and read them back.
+"""Set a camera's exposure, gain, white balance and others through OpenCV at its start, and read them back.
 
 Drivers differ: many accept a value and keep another, or ignore it and report success. So only the values read back
 count.
@@ -14,14 +14,17 @@ import cv2
 
 from mocapella.sensing.colour_profile import CameraControls
 from mocapella.settings import check
-from mocapella.sources.picture_source import SourceState
+from mocapella.sources.picture_source import SourceState, left_automatic, missing_control
 
 _VALUES: Final = {
     "exposure": cv2.CAP_PROP_EXPOSURE,
     "gain": cv2.CAP_PROP_GAIN,
     "white_balance": cv2.CAP_PROP_WB_TEMPERATURE,
+    "white_balance_red": cv2.CAP_PROP_WHITE_BALANCE_RED_V,
+    "white_balance_blue": cv2.CAP_PROP_WHITE_BALANCE_BLUE_U,
     "saturation": cv2.CAP_PROP_SATURATION,
     "contrast": cv2.CAP_PROP_CONTRAST,
+    "brightness": cv2.CAP_PROP_BRIGHTNESS,
 }
 _AUTOMATIC: Final = {
     "exposure": cv2.CAP_PROP_AUTO_EXPOSURE,
@@ -30,6 +33,15 @@ _AUTOMATIC: Final = {
 }
 _MANUAL_EXPOSURE: Final = {"V4L2": (1.0,), "DSHOW": (0.25,), "MSMF": (0.0,)}
 """Values that switch automatic exposure off, by OpenCV's back end; in V4L2's menu 1 is manual."""
+_AUTOMATIC_EXPOSURE: Final = {"V4L2": (3.0, 0.0), "DSHOW": (0.75,), "MSMF": (1.0,)}
+"""Values that switch it on; in V4L2's menu 3 is aperture priority, and 0 automatic."""
+_SET_BY: Final = {
+    "exposure": "exposure",
+    "white_balance": "white_balance",
+    "white_balance_red": "white_balance",
+    "white_balance_blue": "white_balance",
+}
+"""The automatic mode of a control."""
 _NONE: Final = -1.0
 """OpenCV's value of a control that does not exist."""
 
@@ -43,7 +55,7 @@ class CameraWishes:
         fps: frame rate [Hz].
         fourcc: pixel format on the cable, such as MJPG, which many cameras need for a high rate.
         controls: exposure, gain and others, in the driver's own units, as OpenCV takes them; automatic exposure, white
-            balance and focus are always switched off, also without any request. ``controls.automatic`` is ignored.
+            balance and focus are switched off, also without any request, but for those in ``controls.automatic``.
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -77,27 +89,34 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
         capture.set(cv2.CAP_PROP_FPS, wishes.fps)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # no queue of old images
     problems = list(_format_problems(capture, wishes))
-    automatic = tuple(name for name in _AUTOMATIC if not _switched_off(capture, name))
-    for name in automatic:
+    kept = tuple(name for name in _AUTOMATIC if name in wishes.controls.automatic and _switched_on(capture, name))
+    problems += [left_automatic(name) for name in kept]
+    stuck = tuple(name for name in _AUTOMATIC if name not in kept and not _switched_off(capture, name))
+    for name in stuck:
         problems.append(
             f"automatic {name.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's "
             "own program, keep the light as it is, or learn the colours in the brightest and the darkest light"
         )
     for name, value in _VALUES.items():
         wished = getattr(wishes.controls, name)
-        if wished is None:
+        if wished is None or _SET_BY.get(name) in kept:
             continue
         capture.set(value, wished)
         got = float(capture.get(value))
-        if not math.isclose(got, wished, rel_tol=0.02, abs_tol=1e-6):
-            reason = "there is no such control" if got == _NONE else f"it stays {got:g}"
+        if got == _NONE != wished:
+            problems.append(missing_control(name, wished))
+        elif not math.isclose(got, wished, rel_tol=0.02, abs_tol=1e-6):
+            reason = f"it stays {got:g}"
             problems.append(f"{name.replace('_', ' ')} cannot be set to {wished:g}: {reason}; learn the colours again")
     width, height = (int(capture.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     stated = float(capture.get(cv2.CAP_PROP_FPS))
     return SourceState(
         size_px=(width, height) if width > 0 and height > 0 else None,
         fps=wishes.fps or (stated if 0 < stated < math.inf else None),
-        controls=CameraControls(**{name: _read(capture, prop) for name, prop in _VALUES.items()}, automatic=automatic),
+        controls=CameraControls(
+            **{name: _read(capture, prop) for name, prop in _VALUES.items()},
+            automatic=tuple(name for name in _AUTOMATIC if name in kept + stuck),
+        ),
         problems=tuple(problems),
     )
 
@@ -123,6 +142,13 @@ def _switched_off(capture: Any, name: str) -> bool:
         if capture.set(prop, off) and float(capture.get(prop)) == off:
             return True
     return name == "focus" and float(capture.get(prop)) in (_NONE, 0.0)
+
+
+def _switched_on(capture: Any, name: str) -> bool:
+    """Switch an automatic mode on; whether it is on."""
+    prop = _AUTOMATIC[name]
+    ons = _AUTOMATIC_EXPOSURE.get(_back_end(capture), (3.0, 0.75, 1.0)) if name == "exposure" else (1.0,)
+    return any(capture.set(prop, on) and float(capture.get(prop)) == on for on in ons)
 
 
 def _back_end(capture: Any) -> str:

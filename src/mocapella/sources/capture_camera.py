@@ -8,7 +8,8 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,9 +17,12 @@ import cv2
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.camera_controls import ControlDescription
+from mocapella.sensing.colour_profile import CameraControls
 from mocapella.sources.camera_controls import CameraWishes, set_camera
-from mocapella.sources.picture_source import Picture, SourceState
+from mocapella.sources.picture_source import Picture, SourceState, controls_of
+from mocapella.sources.v4l2_controls import V4l2Controls, open_v4l2
 
 OPEN_TIMEOUT_S: Final = 5.0
 READ_TIMEOUT_S: Final = 3.0
@@ -41,6 +45,7 @@ class CaptureCamera:
         name: name of the source, as the user wrote it.
         wishes: requested settings; they have no effect on a stream, whose rate is reported as ``wishes.fps``.
         open_capture: replaces `cv2.VideoCapture` in tests.
+        open_controls: opens the driver's controls by the camera's number; replaced in tests.
         clock: the monotonic clock, in seconds.
 
     Attributes:
@@ -57,12 +62,14 @@ class CaptureCamera:
         wishes: CameraWishes | None = None,
         *,
         open_capture: Callable[..., Any] = cv2.VideoCapture,
+        open_controls: Callable[[int], V4l2Controls | None] = open_v4l2,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name, self.times = name, _FROM_GRAB
         self._target, self._wishes = target, wishes or CameraWishes()
-        self._open_capture, self._clock = open_capture, clock
+        self._open_capture, self._open_controls, self._clock = open_capture, open_controls, clock
         self._capture: Any = None
+        self._device: V4l2Controls | None = None
         self._number, self._last_ns = 0, 0
 
     def open(self) -> SourceState:
@@ -87,7 +94,34 @@ class CaptureCamera:
             return SourceState(fps=self._wishes.fps)
         driven = getattr(capture, "getBackendName", lambda: "")() == "V4L2"
         self.times = _FROM_DRIVER if driven else _FROM_GRAB
-        return set_camera(capture, self._wishes)
+        self._device = device = self._open_controls(self._target)
+        if device is not None and any(control.mode == "gain" for control in device.controls()):
+            device.set_controls({}, {"gain": "gain" in self._wishes.controls.automatic})  # OpenCV knows no such mode
+        state = set_camera(capture, self._wishes)
+        found = () if device is None else device.controls()
+        return replace(state, controls=_with_focus(controls_of(found), state.controls)) if found else state
+
+    def controls(self) -> tuple[ControlDescription, ...]:
+        """Return the camera's controls, see `ControlledSource`; empty of a stream, and where no V4L2 driver is."""
+        return () if self._device is None else self._device.controls()
+
+    def set_controls(self, values: Mapping[str, float], automatic: Mapping[str, bool]) -> tuple[str, ...]:
+        """Set controls while the camera gives images, see `ControlledSource`; a lost camera has them again later.
+
+        Raises:
+            SettingsError: the request is invalid, or the camera's driver does not state ranges.
+        """
+        device = self._device
+        if device is None:
+            at_start = "set them at its start (--set exposure=…)" if isinstance(self._target, int) else "at the camera"
+            raise SettingsError(
+                f"{self.name}: only V4L2 cameras have controls that can be set while they run; {at_start}"
+            )
+        problems = device.set_controls(values, automatic)
+        if found := device.controls():
+            kept = _with_focus(controls_of(found), self._wishes.controls)
+            self._wishes = replace(self._wishes, controls=kept)
+        return problems
 
     def begin(self, zero_s: float) -> None:
         """Do nothing: a camera has its own clock."""
@@ -115,6 +149,9 @@ class CaptureCamera:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
+        device, self._device = self._device, None
+        if device is not None:
+            device.close()
 
     def _opened(self) -> Any:
         if isinstance(self._target, int):
@@ -132,6 +169,12 @@ class CaptureCamera:
             return stamp_s
         self.times = _FROM_GRAB
         return came_s
+
+
+def _with_focus(controls: CameraControls, before: CameraControls) -> CameraControls:
+    """Return the driver's controls, with an automatic focus, which is none of them, as it was."""
+    focus = tuple(mode for mode in before.automatic if mode == "focus")
+    return replace(controls, automatic=controls.automatic + focus)
 
 
 def camera_number(path: str) -> int | None:

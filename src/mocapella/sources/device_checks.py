@@ -68,6 +68,26 @@ def cameras() -> Iterator[Finding]:
     else:
         advice = "none is needed for recordings, simulations and sensors on other machines"
         yield Finding("cameras", "note", "none found", advice)
+    yield from pi_cameras()
+
+
+def pi_cameras(model: Path = Path("/proc/device-tree/model")) -> Iterator[Finding]:
+    """Yield on a Raspberry Pi whether the package is installed that reads its own cameras; nothing elsewhere.
+
+    Args:
+        model: file with the machine's name.
+    """
+    try:
+        name = model.read_bytes().rstrip(b"\0").decode("ascii", "replace")
+    except OSError:
+        return
+    if not name.startswith("Raspberry Pi"):
+        return
+    if _is_installed("picamera2"):
+        yield Finding("picamera2", "ok", f"{name}: its own cameras are picamera:0, picamera:1")
+    else:
+        advice = "only for cameras at its ribbon cable: install as docs/markers-rig.md says"
+        yield Finding("picamera2", "note", f"{name}: not installed", advice)
 
 
 def _is_installed(module: str) -> bool:

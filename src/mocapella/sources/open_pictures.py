@@ -16,6 +16,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.sources.camera_controls import CameraWishes
 from mocapella.sources.capture_camera import CaptureCamera, camera_number
 from mocapella.sources.paced_pictures import PacedPictures
+from mocapella.sources.pi_camera import PI_CAMERA, PiCamera, pi_camera_number
 from mocapella.sources.picture_source import PictureSource, SourceState
 from mocapella.sources.video import LIVE, Frames, pictures
 
@@ -23,20 +24,31 @@ STREAMS: Final = ("http://", "https://", "rtsp://", "rtmp://", "udp://", "tcp://
 RENDERED: Final = "rendered:"
 SETTLED: Final = 30
 """Number of images after which a camera's automatic control has settled, if it cannot be switched off."""
-KINDS: Final = "camera:0, /dev/video0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
+KINDS: Final = (
+    "camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film, a folder of images, or rendered:SCENE/CAMERA"
+)
 
 
 def open_pictures(
-    text: str, wishes: CameraWishes | None = None, *, loop: bool = False, seed: int = 0, rate_option: str = "--fps"
+    text: str,
+    wishes: CameraWishes | None = None,
+    *,
+    loop: bool = False,
+    seed: int = 0,
+    rate_option: str = "--fps",
+    prerender: int = 0,
 ) -> PictureSource:
     """Return the image source of a name, without opening it; a name that is no camera, stream or scene is a path.
 
     Args:
         text: the name, in one of the forms of `KINDS`.
-        wishes: requested camera settings; for videos and folders only the frame rate counts; None for none.
+        wishes: requested camera settings; for videos and folders only the frame rate counts, for a rendered scene
+            only the controls; None for none.
         loop: whether videos and folders repeat.
         seed: random seed of a rendered scene.
         rate_option: the command's option for the frame rate, named in the note on a video that states none.
+        prerender: number of images of a rendered scene that are made beforehand and repeated, at the requested rate; 0
+            renders each when it is due, at the scene's rate. No effect on other sources.
 
     Raises:
         SettingsError: the name is empty, a camera's number is none, or there is no such scene or camera of a scene. A
@@ -50,24 +62,39 @@ def open_pictures(
         return CaptureCamera(int(number), text, wishes)
     if (number_of := camera_number(text)) is not None:
         return CaptureCamera(number_of, text, wishes)
+    if text.startswith(PI_CAMERA):
+        number_of = pi_camera_number(text)
+        if number_of is None:
+            raise SettingsError(
+                f"source {text!r} cannot be used; write {PI_CAMERA}0 for the first camera of a Raspberry Pi"
+            )
+        return PiCamera(number_of, text, wishes)
     if text.startswith(STREAMS):
         return CaptureCamera(text, text, wishes)
     if text.startswith(RENDERED):
-        from mocapella.sources.simulate.hand_scene import load_hand_scene
-        from mocapella.sources.simulate.rendered_camera import RenderedCamera
-
-        scene, slash, camera = text.removeprefix(RENDERED).partition("/")
-        if not slash:
-            raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
-        return RenderedCamera(load_hand_scene(scene, seed=seed), camera, text)
+        return _rendered(text, wishes, seed, prerender)
     if not text:
         raise SettingsError(f"no source; name {KINDS}")
     return PacedPictures(text, fps=wishes.fps, loop=loop, rate_option=rate_option)
 
 
+def _rendered(text: str, wishes: CameraWishes, seed: int, prerender: int) -> PictureSource:
+    from mocapella.sources.simulate.hand_scene import load_hand_scene
+    from mocapella.sources.simulate.prerendered_camera import PrerenderedCamera
+    from mocapella.sources.simulate.rendered_camera import RenderedCamera
+
+    scene, slash, camera = text.removeprefix(RENDERED).partition("/")
+    if not slash:
+        raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
+    made = load_hand_scene(scene, seed=seed)
+    if prerender:
+        return PrerenderedCamera(made, camera, text, prerender, wishes.fps)
+    return RenderedCamera(made, camera, text, wishes.controls)
+
+
 def is_live(text: str) -> bool:
     """Whether a name means a camera, a stream or a rendered scene instead of a file or folder."""
-    return text.startswith((LIVE, RENDERED, *STREAMS)) or camera_number(text) is not None
+    return text.startswith((LIVE, PI_CAMERA, RENDERED, *STREAMS)) or camera_number(text) is not None
 
 
 def one_picture(
@@ -97,11 +124,12 @@ def one_picture(
             if number == wanted:
                 return image, SourceState((image.shape[1], image.shape[0]))
         raise InputError("has no such picture", file=text, field="frame", value=wanted, fix="name an earlier one")
-    if not isinstance(source, CaptureCamera):  # any instant of a scene can be rendered directly
+    if not isinstance(source, CaptureCamera | PiCamera):  # any instant of a scene can be rendered directly
         from mocapella.sources.simulate.rendered_camera import RenderedCamera
 
         assert isinstance(source, RenderedCamera)
-        return source.scene.at(source.camera.name, (frame or 0) / source.camera.fps).image, source.open()
+        state = source.open()
+        return np.asarray(source.render((frame or 0) / source.camera.fps), np.uint8), state
     state, stop = source.open(), threading.Event()
     try:
         for _ in range(1 + (SETTLED if frame is None else frame)):

@@ -11,12 +11,15 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.errors import SettingsError
+from mocapella.model.camera_controls import CONTROLS, ControlDescription
 from mocapella.sensing.colour_profile import CameraControls
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -104,3 +107,65 @@ class PictureSource(Protocol):
     def close(self) -> None:
         """Release the source's resources; may be called twice, or before `open`."""
         ...
+
+
+@runtime_checkable
+class ControlledSource(Protocol):
+    """A source whose controls can be read and set while it gives images, from any thread."""
+
+    def controls(self) -> tuple[ControlDescription, ...]:
+        """Return its controls with their present values; empty if it has none, or does not state their ranges."""
+        ...
+
+    def set_controls(self, values: Mapping[str, float], automatic: Mapping[str, bool]) -> tuple[str, ...]:
+        """Switch automatic modes by name, then set values by name; they hold also after the source is opened again.
+
+        Returns a sentence for each that the camera did not accept.
+
+        Raises:
+            SettingsError: the request is invalid, see `mocapella.model.camera_controls.checked`; nothing is set.
+        """
+        ...
+
+
+def controls_of(descriptions: Iterable[ControlDescription]) -> CameraControls:
+    """Return the present values of described controls, and the automatic modes that are on."""
+    known = tuple(descriptions)
+    values = {control.name: control.value for control in known if control.name in CONTROLS}
+    on = dict.fromkeys(control.mode for control in known if control.automatic)
+    return CameraControls(**values, automatic=tuple(on))
+
+
+def set_at_start(source: ControlledSource, wanted: CameraControls) -> tuple[str, ...]:
+    """Set a source's controls as wanted; automatic modes that are not wanted are switched off.
+
+    Values of controls whose automatic mode is wanted are not set. Nothing is raised for a control that the camera does
+    not have, or for a value that it refuses: each is a sentence of the result.
+    """
+    known = source.controls()
+    modes = {control.mode for control in known if control.mode}
+    problems = list(source.set_controls({}, {mode: mode in wanted.automatic for mode in sorted(modes)}))
+    names = {control.name: control for control in known}
+    for name, value in wanted.values.items():
+        control = names.get(name)
+        if control is not None and control.mode and control.mode in wanted.automatic:
+            continue
+        if control is None:
+            problems.append(missing_control(name, value))
+            continue
+        try:
+            problems += source.set_controls({name: value}, {})
+        except SettingsError as error:
+            problems.append(f"{name.replace('_', ' ')} cannot be set to {value:g}: {error}; learn the colours again")
+    problems += [left_automatic(mode) for mode in wanted.automatic if mode in modes]
+    return tuple(problems)
+
+
+def missing_control(name: str, value: float) -> str:
+    """Return the sentence about a requested control that a camera does not have."""
+    return f"{name.replace('_', ' ')} cannot be set to {value:g}: there is no such control; learn the colours again"
+
+
+def left_automatic(mode: str) -> str:
+    """Return the sentence about an automatic mode that is on because the profile has it so."""
+    return f"automatic {mode.replace('_', ' ')} is on, as saved: colours may drift; switch it off in the view"

@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from mocapella.errors import MocapellaError
+from mocapella.model.camera_controls import ControlDescription
 from mocapella.settings import check
 
 
@@ -58,6 +59,14 @@ class CameraAnswer(Protocol):
         """
 
     @property
+    def controls(self) -> dict[str, Any] | None:
+        """Values of the camera's controls, and the ``saved`` values; None in the answer to another request."""
+
+    @property
+    def descriptions(self) -> list[ControlDescription] | None:
+        """The camera's controls with their ranges; None in the answer to another request."""
+
+    @property
     def separability(self) -> dict[str, Any] | None:
         """Result of learning marker colours: ``kept``, the recognised share of each colour's pixels; ``problems``.
 
@@ -83,7 +92,7 @@ class FeedMode(StrEnum):
     MASK = "mask"
 
 
-_REPORT = "report"
+_REPORT, _CONTROLS = "report", "controls"
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class FeedSettings:
         rate_hz: highest rate of requests, for all browsers and cameras together [Hz].
         timeout_s: longest time to wait for an answer [s].
         patience_s: interval between two requests after a failure [s].
-        report_s: interval between two requests for the report of a camera that is shown [s].
+        report_s: interval between two requests for the report, or for the controls, of a camera that is shown [s].
         wanted_s: an image is requested until this long after a browser last called `CameraFeed.want` for it [s].
         workers: largest number of simultaneous requests.
 
@@ -185,6 +194,12 @@ class CameraFeed:
         wish.width_px, wish.at_s = max(wish.width_px, width_px), now_s
         return self._shots.setdefault(key, FeedImage())
 
+    def want_controls(self, camera: str, now_s: float) -> FeedImage:
+        """Register that a browser shows a camera's controls; return the newest answer with them, as `want` does."""
+        key = camera, _CONTROLS
+        self._wishes.setdefault(key, _Wish()).at_s = now_s
+        return self._shots.setdefault(key, FeedImage())
+
     def report(self, camera: str) -> dict[str, Any]:
         """Return the newest `CameraAnswer.report` of a camera's node; an empty mapping before the first."""
         shot = self._shots.get((camera, _REPORT))
@@ -222,8 +237,9 @@ class CameraFeed:
         self._orders.submit(self._carry_out, camera, question, done, timeout_s).add_done_callback(_raise_again)
 
     def hasten(self, camera: str) -> None:
-        """Request a camera's report with the next `beat`, because its content has changed."""
+        """Request a camera's report and controls with the next `beat`, because their content has changed."""
         self._asked_s.pop((camera, _REPORT), None)
+        self._asked_s.pop((camera, _CONTROLS), None)
 
     def close(self) -> None:
         """Send no more requests, and drop the waiting ones."""
@@ -234,7 +250,9 @@ class CameraFeed:
         s, due = self.settings, []
         shown = {key[0] for key, wish in self._wishes.items() if not self._stale(wish, now_s)}
         for key, wish in self._wishes.items():
-            patience = s.patience_s if (shot := self._shots.get(key)) is not None and shot.problem else 0.0
+            patience = s.report_s if key[1] == _CONTROLS else 0.0
+            if (shot := self._shots.get(key)) is not None and shot.problem:
+                patience = s.patience_s
             if not self._stale(wish, now_s) and now_s - self._asked_s.get(key, -1e9) >= patience:
                 due.append(key)
         for camera in self._cameras:
@@ -248,7 +266,7 @@ class CameraFeed:
 
     def _send(self, key: tuple[str, str], now_s: float) -> None:
         question: dict[str, Any] = {"ask": key[1]}
-        if key[1] != _REPORT:
+        if key[1] not in (_REPORT, _CONTROLS):
             question |= {"scale": self._scale(key), "format": "jpeg"}
         if key[1] == FeedMode.PICTURE:
             question["keep"] = False  # the node keeps the image that the user points at; this one would replace it

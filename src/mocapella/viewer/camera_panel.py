@@ -13,6 +13,7 @@ import viser
 from mocapella.errors import SettingsError
 from mocapella.viewer import camera_html
 from mocapella.viewer.camera_feed import CameraAnswer, CameraFeed, FeedImage, FeedMode
+from mocapella.viewer.camera_sliders import CameraSliders
 from mocapella.viewer.inputs import set_value
 from mocapella.viewer.pointing import MARKERS, SKIN, Point, Pointing, asks_for, read_names
 
@@ -121,6 +122,7 @@ class CameraPanel:
         looks = self._feed.looks(camera)
         self._view.content = camera_html.picture_html(shot, shown, report, large=bool(self._enlarge.value), looks=looks)
         self._show_lesson(bool(report.get("unsaved")), looks=looks)
+        self._sliders.show(camera if camera in self._feed.cameras else "", now_s)
         answer = None if shot is None else shot.answer
         self.large = self._large(camera, shown, answer) if self._enlarge.value else None
         self._enlarge.disabled = shown is FeedMode.OFF and self._frozen is None
@@ -296,6 +298,7 @@ class CameraPanel:
                 "Discard", icon=viser.Icon.TRASH, color="gray", hint="Back to the colours it had before"
             )
             self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray")
+            self._sliders = CameraSliders(gui, self._feed, self._say, sets=self._learns)
         for button, act in (
             (self._begin, self._freeze),
             (self._learn, self._send_clicks),

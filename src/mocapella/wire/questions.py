@@ -9,6 +9,7 @@ import zenoh
 
 from mocapella.decoding import decode_json
 from mocapella.errors import BusError, InputError, WireError
+from mocapella.model.camera_controls import ControlDescription
 from mocapella.wire import keys
 
 MAX_QUESTION_BYTES: Final = 64 * 1024
@@ -44,7 +45,23 @@ class AskMask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
 
 
 class AskControls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="controls"):
-    """Query for the camera's controls as read back, and for its frame rate and image size."""
+    """Query for the camera's controls as read back, for their ranges, and for its frame rate and image size."""
+
+
+class AskSet(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="set"):
+    """Query to set the camera's controls, at once. It is refused as a whole if any part of it is invalid.
+
+    Attributes:
+        values: requested values, by name of the control.
+        automatic: automatic modes to switch on or off before, by name of the mode.
+    """
+
+    values: dict[str, float] = {}
+    automatic: dict[str, bool] = {}
+
+
+class AskSaveControls(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="save_controls"):
+    """Query to write the present values of the camera's controls to the node's profile, beside its saved colours."""
 
 
 class AskReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="report"):
@@ -76,7 +93,7 @@ class AskLearn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fiel
 
 
 class AskSave(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="save"):
-    """Query to write the present colours to the node's profile."""
+    """Query to write the present colours, and the present values of the controls, to the node's profile."""
 
 
 class AskDiscard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="ask", tag="discard"):
@@ -95,7 +112,18 @@ class AskBoard(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fiel
     explain: bool = False
 
 
-Question = AskPicture | AskMask | AskControls | AskReport | AskLearn | AskSave | AskDiscard | AskBoard
+Question = (
+    AskPicture
+    | AskMask
+    | AskControls
+    | AskSet
+    | AskSaveControls
+    | AskReport
+    | AskLearn
+    | AskSave
+    | AskDiscard
+    | AskBoard
+)
 
 
 class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -111,8 +139,10 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
         format: format of ``image``: jpeg or png.
         names: names of the markers.
         positions_px: x, y of each marker in the camera's image; null if it is not seen.
-        controls: exposure, gain, white_balance, saturation, contrast, automatic; and fps, asked_fps, size_px, problems,
-            times (how capture times are obtained) and source.
+        controls: exposure, gain, white_balance, white_balance_red, white_balance_blue, saturation, contrast,
+            brightness, automatic; ``saved``, the saved values of these; and fps, asked_fps, size_px, problems, times
+            (how capture times are obtained) and source.
+        descriptions: the controls that can be set now, with their ranges; empty if there are none.
         report: counts, and ``problems`` in sentences.
         separability: separability of the learnt colours, as `mocapella.sensing.colour_table.Separability`.
         corners: corners of the board: ``ids``, ``corners_px`` (x, y of each), and ``edge_px``, the median width of the
@@ -128,6 +158,7 @@ class NodeAnswer(msgspec.Struct, frozen=True, omit_defaults=True):
     names: list[str] | None = None
     positions_px: list[tuple[float, float] | None] | None = None
     controls: dict[str, Any] | None = None
+    descriptions: list[ControlDescription] | None = None
     report: dict[str, Any] | None = None
     separability: dict[str, Any] | None = None
     corners: dict[str, Any] | None = None
@@ -144,7 +175,7 @@ def read_question(data: bytes) -> Question:
     try:
         question: Question = decode_json(data, Question)
     except InputError as error:
-        known = "picture, mask, controls, report, learn, save, discard, board"
+        known = "picture, mask, controls, set, save_controls, report, learn, save, discard, board"
         raise WireError(f'this is no question: {error}; write {{"ask": …}} with one of {known}') from None
     return question
 

@@ -1,4 +1,4 @@
-"""Simulate a cheap colour camera on a clean image: blur, Bayer mosaic, noise, gain, gamma, chroma subsampling.
+"""Simulate a cheap colour camera on a clean image: blur, Bayer mosaic, noise, gains, gamma, tone, chroma subsampling.
 
 The input is linear light on the sensor; 1 is a white surface in full light. The output is the 8-bit image that a
 program receives. All renderers of colour images share these imperfections.
@@ -37,6 +37,9 @@ class CameraImageSettings:
         white_balance: gains of (red, green, blue) after the sensor.
         saturation: factor of a colour's distance from grey; 1 keeps colours.
         shared_chroma: whether 2 × 2 pixels share their chroma.
+        gain: amplification of the signal and its noise before it is digitised; bright light clips earlier.
+        contrast: factor of an 8-bit value's distance from the middle, 127.5, after the gamma.
+        brightness: added to the 8-bit values, after the contrast.
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -50,6 +53,9 @@ class CameraImageSettings:
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     saturation: float = 1.0
     shared_chroma: bool = True
+    gain: float = 1.0
+    contrast: float = 1.0
+    brightness: float = 0.0
 
     def __post_init__(self) -> None:
         check(0.01 <= self.exposure <= 100, "exposure", self.exposure, "from 0.01 to 100")
@@ -58,6 +64,9 @@ class CameraImageSettings:
         check(0 <= self.read_noise <= 0.2, "read_noise", self.read_noise, "from 0 to 0.2")
         check(all(0.1 <= g <= 10 for g in self.white_balance), "white_balance", self.white_balance, "from 0.1 to 10")
         check(0 <= self.saturation <= 3, "saturation", self.saturation, "from 0 to 3")
+        check(1 <= self.gain <= 100, "gain", self.gain, "from 1 to 100")
+        check(0 <= self.contrast <= 10, "contrast", self.contrast, "from 0 to 10")
+        check(-255 <= self.brightness <= 255, "brightness", self.brightness, "from -255 to 255")
 
 
 def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.Generator) -> UInt8:
@@ -80,10 +89,10 @@ def camera_image(linear: Float32, settings: CameraImageSettings, rng: np.random.
     image = np.empty((height, width, 3), np.uint8)
     s = settings
     sensor = _kernels().ImageSensor(
-        float(s.exposure), float(s.photons), float(s.read_noise), bool(s.bayer),
+        float(s.exposure * s.gain), float(s.photons / s.gain), float(s.read_noise * s.gain), bool(s.bayer),
         np.array(s.white_balance, dtype=np.float64), float(s.saturation), bool(s.shared_chroma),
     )  # fmt: skip
-    _kernels().expose(np.ascontiguousarray(linear, np.float32), noise, _taps(s.lens_blur_px), sensor, _gamma(), image)
+    _kernels().expose(np.ascontiguousarray(linear, np.float32), noise, _taps(s.lens_blur_px), sensor, _tone(s), image)
     return image
 
 
@@ -93,6 +102,14 @@ def _taps(sd_px: float) -> Float32:
     reach = max(1, int(np.ceil(3 * sd_px)))
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(sd_px, 1e-3)) ** 2)
     return np.asarray(taps / (taps[0] + 2 * taps[1:].sum()), np.float32)
+
+
+def _tone(s: CameraImageSettings) -> Float32:
+    """Table (4097,) of 8-bit values for linear 0 … 1: gamma, then contrast and brightness."""
+    if s.contrast == 1 and s.brightness == 0:
+        return _gamma()
+    toned = np.clip(s.contrast * (_gamma() - 127.5) + 127.5 + s.brightness, 0, 255)
+    return np.asarray(toned, np.float32)
 
 
 @cache

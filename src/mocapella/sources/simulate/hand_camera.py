@@ -19,7 +19,7 @@ from mocapella.sensing.colour_learning import ColourSample, learn_colours
 from mocapella.sensing.colour_profile import SKIN, ColourProfile
 from mocapella.sensing.markers import MarkerDetector, MarkerSettings
 from mocapella.sources.simulate.hand_motion import HandMotionSettings
-from mocapella.sources.simulate.hand_scene import HandScene, HandShot
+from mocapella.sources.simulate.hand_scene import HandScene, HandShot, SimulatedCamera
 
 _LEARN_EVERY_S: Final = 0.31
 _SAMPLES: Final = 3
@@ -96,7 +96,9 @@ def replace_time(frame: MarkerFrame, at_s: float) -> MarkerFrame:
     return msgspec.structs.replace(frame, time_ns=round(at_s * NS_PER_S) + 1)
 
 
-def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProfile:
+def pointed_at(
+    scene: HandScene, camera: str, from_s: float = 0.0, taken_by: SimulatedCamera | None = None
+) -> ColourProfile:
     """Learn a camera's colour profile from three rendered images with all markers and the skin marked.
 
     The images show the scene's hand with a calmer motion.
@@ -105,6 +107,7 @@ def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProf
         scene: the scene; not changed.
         camera: name of one of its cameras.
         from_s: time of the first image that is tried [s].
+        taken_by: as in `HandScene.at`.
 
     Raises:
         SettingsError: there are too few images with all markers visible, or the camera is unknown.
@@ -114,7 +117,7 @@ def pointed_at(scene: HandScene, camera: str, from_s: float = 0.0) -> ColourProf
     calm = HandMotionSettings(scene.settings.motion.centre_m, (0.03, 0.02, 0.03), turn_deg=(6, 6, 6), bend=0, spread=0)
     shown = HandScene(replace(scene.settings, motion=calm), scene.seed)
     for k in range(_MOST_SAMPLES):
-        shot = shown.at(camera, from_s + k * _LEARN_EVERY_S)
+        shot = shown.at(camera, from_s + k * _LEARN_EVERY_S, taken_by)
         if (shot.visible >= _CLEARLY).all():
             clicks = {name: (float(x), float(y)) for name, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
             if not samples:

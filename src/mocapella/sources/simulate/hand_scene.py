@@ -235,15 +235,21 @@ class HandScene:
         """The cameras, with exact calibration."""
         return CameraRig({camera.name: camera.placed for camera in self.settings.cameras})
 
-    def at(self, camera: str, at_s: float) -> HandShot:
+    def at(self, camera: str, at_s: float, taken_by: SimulatedCamera | None = None) -> HandShot:
         """Render a camera's image whose first row's exposure is centred at ``at_s``, on the scene's clock [s].
+
+        Args:
+            camera: name of the camera.
+            at_s: time on the scene's clock [s].
+            taken_by: the camera with other exposure times or image settings; None for the scene's own. Its place, lens
+                and image size are those of the scene's camera.
 
         Raises:
             SettingsError: unknown camera; lists the known ones.
         """
         if camera not in self.cameras:
             raise SettingsError(f"unknown camera {camera!r}; known: {one_of(camera, self.cameras)}")
-        s, c = self.settings, self.cameras[camera]
+        s, c = self.settings, taken_by or self.cameras[camera]
         width, height = c.size_px
         pose, (parts, landmarks) = self.motion.at(at_s), self._parts(at_s)
         rates = (self._parts(at_s + _STEP_S)[0][:, :6] - self._parts(at_s - _STEP_S)[0][:, :6]) / (2 * _STEP_S)
