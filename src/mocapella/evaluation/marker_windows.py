@@ -118,7 +118,7 @@ def plot_windows(rows: Sequence[WindowRow], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = new_figure(path, 10, 6)
+    figure = new_figure(path, 10, 6.4)
     panels = {
         "time_us": "time of an image, median [µs]",
         "whole_percent": "images searched as a whole [%]",
@@ -129,18 +129,18 @@ def plot_windows(rows: Sequence[WindowRow], path: Path) -> None:
         for k, scene in enumerate(dict.fromkeys(row.scene for row in rows)):
             of = [row for row in rows if row.scene == scene and row.window_px is not None]
             whole = next(row for row in rows if row.scene == scene and row.window_px is None)
-            x = [row.window_px for row in of]
-            axes.plot(x, [_number(getattr(row, field)) for row in of], "o-", color=f"C{k}", label=scene)
+            x, colour = [row.window_px for row in of], f"C{k}"
+            axes.plot(x, [_number(getattr(row, field)) for row in of], "o-", color=colour, label=scene)
             if field == "error_px":
-                p95 = [_number(row.error_p95_px) for row in of]
-                axes.plot(x, p95, "o:", color=f"C{k}", label=f"{scene}, 95 %")
+                axes.plot(x, [_number(row.error_p95_px) for row in of], "o:", color=colour, label=f"{scene}, 95 %")
             if field != "whole_percent":
-                axes.axhline(_number(getattr(whole, field)), color=f"C{k}", ls="--", lw=1, label=f"{scene}, no window")
+                axes.axhline(_number(getattr(whole, field)), color=colour, ls="--", lw=1, label=f"{scene}, no window")
         low = min(100.0, *(row.found_percent for row in rows))
         axes.set_ylim(*((min(99.0, low - 0.1), 100.05) if field == "found_percent" else (0, None)))
         axes.set(xlabel="side of the window [px]", ylabel=label)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize="small")
+    legend = figure.axes[-1].get_legend_handles_labels()
+    figure.legend(*legend, loc="outside upper center", ncols=len({row.scene for row in rows}), fontsize="small")
     save_figure(figure, path)
 
 

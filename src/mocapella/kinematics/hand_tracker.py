@@ -207,7 +207,8 @@ class HandTracker:
         covariance = last.covariance + np.diag(rates**2 * dt * _SPEED_S)
         velocity = last.velocity * np.exp(-dt / s.velocity_memory_s)
         share = min(dt / s.posture_every_s, 1.0)
-        return _State(at_s, last.seen_s, T, z, covariance, velocity, np.linalg.inv(covariance), share)
+        certainty = np.asarray(np.linalg.inv(covariance), np.float64)
+        return _State(at_s, last.seen_s, T, z, covariance, velocity, certainty, share)
 
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
         """Fit the hand from its prediction; return it and the information used; None if all markers were rejected."""
