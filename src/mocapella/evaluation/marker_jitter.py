@@ -127,5 +127,7 @@ def plot_jitter(rows: Sequence[JitterRow], path: Path) -> None:
         axes.grid(alpha=0.3, which="both")
     figure.axes[0].set(ylabel="static jitter of a coordinate [px]")
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(kinds))
-    figure.supxlabel("a ring: less than 99.5 % of the markers found; no point: fewer than half", fontsize="small")
+    figure.supxlabel(
+        "ring: less than 99.5 % of the markers found; no point: no marker found in half of the images", fontsize="small"
+    )
     save_figure(figure, path)
