@@ -24,7 +24,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,25 +31,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import Goal, Row, against_peer, at_least, at_most, compared, measured, times_the_peer
-from mocapella.errors import EvaluationError, InputError
+from mocapella.errors import EvaluationError
+from mocapella.evaluation.marker_films import RATE_HZ, MarkerFilm, MarkerScore, learnt_film
 from mocapella.live.launch import free_port
-from mocapella.sensing.colour_learning import ColourSample, grow, inside, learn_colours
-from mocapella.sensing.colour_profile import SKIN, ColourProfile
+from mocapella.sensing.colour_learning import ColourSample, grow, inside
 from mocapella.sensing.colour_table import separability
 from mocapella.sensing.markers import MarkerDetector, MarkerSettings
-from mocapella.sources.simulate.marker_scene import MarkerScene, MarkerShot, load_marker_scene, marker_scene_names
+from mocapella.sources.simulate.marker_scene import load_marker_scene, marker_scene_names
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 SEEDS: Final = (101, 102)
 FRAMES: Final = 240
-RATE_HZ: Final = 30.0
 ROI_PX: Final = 40
 ROOM: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """How wide the peers' thresholds may be, the first that leaves the wall out being taken."""
-VISIBLE, GONE = 0.9, 0.05
-"""A marker must be found where so much of it is seen, and must not where so little is."""
 
 
 def run(quick: bool = False) -> list[Row]:
@@ -58,37 +54,9 @@ def run(quick: bool = False) -> list[Row]:
     return [*cost(quick), *accuracy(quick), *live(quick)]
 
 
-@dataclass(frozen=True)
-class Film:
-    """A scene's images, the profile learnt at its beginning, and the peers' thresholds of the same clicks."""
-
-    name: str
-    scene: MarkerScene
-    profile: ColourProfile
-    sample: ColourSample
-    begin_s: float
-
-    def shots(self, count: int) -> Iterator[MarkerShot]:
-        for k in range(count):
-            yield self.scene.at(self.begin_s + 1.0 + k / RATE_HZ)
-
-
-def film(name: str, seed: int) -> Film:
-    """Somebody clicks on every marker, and on the back of the hand, when all are seen; and anew if that is refused."""
-    scene = load_marker_scene(name, seed=seed)
-    for k in range(200):
-        shot = scene.at(0.5 * k)
-        if not (shot.visible > 0.95).all():
-            continue
-        clicks = {marker: (float(x), float(y)) for marker, (x, y) in zip(scene.names, shot.centres_px, strict=True)}
-        palm = scene.shapes(shot.at_s)[1]
-        back = (palm[2] + 0.1 * palm[5], palm[3] + 0.1 * palm[5])
-        sample = ColourSample(shot.image, {**clicks, SKIN: back})
-        try:
-            return Film(name, scene, learn_colours("camera", [sample]), sample, shot.at_s)
-        except InputError:  # such as a marker that is too far away just then
-            continue
-    raise EvaluationError(f"in scene {name}, seed {seed}, the colours cannot be learnt; take another seed")
+def film(name: str, seed: int) -> MarkerFilm:
+    """A scene by name, its colours learnt from clicks at its beginning."""
+    return learnt_film(load_marker_scene(name, seed=seed))
 
 
 def cost(quick: bool) -> Iterator[Row]:
@@ -133,9 +101,9 @@ def cost(quick: bool) -> Iterator[Row]:
 def accuracy(quick: bool) -> Iterator[Row]:
     """How far off centres are, and how often a marker is missed or seen where none is."""
     cv2 = opencv()
-    ours, theirs, good, refused = Score(), Score(), Score(), 0
+    ours, theirs, good, refused = MarkerScore(), MarkerScore(), MarkerScore(), 0
     for name in marker_scene_names():
-        here, beside = Score(), Score()
+        here, beside = MarkerScore(), MarkerScore()
         for seed in SEEDS[:1] if quick else SEEDS:
             made = film(name, seed)
             problems = separability(made.profile).problems  # the user gets a warning; the scene is scored all the same
@@ -150,13 +118,13 @@ def accuracy(quick: bool) -> Iterator[Row]:
                     good.add(shot, *told)
                 if peer:
                     beside.add(shot, peer.centres(shot.image, None))
-        yield from here.rows(f"markers: scene {name}", beside if cv2 else None, error=None)
+        yield from error_rows(here, f"markers: scene {name}", beside if cv2 else None, error=None)
         yield measured(f"markers: scene {name}, markers found", 100 * here.found_share, "%")
         yield measured(f"markers: scene {name}, false markers", 100 * here.false_share, "%")
         ours.join(here)
         theirs.join(beside)
     what = "markers: all scenes"
-    yield from ours.rows(what, theirs if cv2 else None, error=at_most(0.35))
+    yield from error_rows(ours, what, theirs if cv2 else None, error=at_most(0.35))
     yield measured(f"{what}, markers found", 100 * ours.found_share, "%", goal=at_least(99.5))
     yield measured(f"{what}, false markers", 100 * ours.false_share, "%", goal=at_most(0.1))
     if cv2:
@@ -168,54 +136,15 @@ def accuracy(quick: bool) -> Iterator[Row]:
     yield jitter("still", SEEDS[0], 10 if quick else 200)
 
 
-class Score:
-    """Errors, and numbers of found and false markers."""
-
-    def __init__(self) -> None:
-        self.errors: list[float] = []
-        self.over_sd: list[float] = []
-        self.seen = self.found = self.false = self.total = 0
-
-    def add(self, shot: MarkerShot, positions: Float64, sd: Float64 | None = None) -> None:
-        off = positions - shot.centres_px
-        far = np.linalg.norm(off, axis=-1)
-        told, there = np.isfinite(far), shot.visible > VISIBLE
-        false = told & ((shot.visible < GONE) | (far > shot.radii_px))
-        right = told & there & ~false
-        self.seen += int(there.sum())
-        self.found += int(right.sum())
-        self.false += int(false.sum())
-        self.total += len(far)
-        self.errors += far[right].tolist()
-        if sd is not None:
-            self.over_sd += (off[right] / sd[right, None]).ravel().tolist()
-
-    def join(self, other: Score) -> None:
-        self.errors += other.errors
-        self.over_sd += other.over_sd
-        self.seen, self.found = self.seen + other.seen, self.found + other.found
-        self.false, self.total = self.false + other.false, self.total + other.total
-
-    @property
-    def found_share(self) -> float:
-        return self.found / max(self.seen, 1)
-
-    @property
-    def false_share(self) -> float:
-        return self.false / max(self.total, 1)
-
-    @property
-    def normalised(self) -> float:
-        return float(np.sqrt(np.mean(np.square(self.over_sd))))
-
-    def rows(self, what: str, peer: Score | None, *, error: Goal | None) -> Iterator[Row]:
-        for name, share, goal in (("median", 50, error), ("95 %", 95, None)):
-            value, title = float(np.percentile(self.errors, share)), f"{what}, centre error, {name}"
-            if peer is None or not peer.errors:
-                yield measured(title, value, "px", goal=goal)
-            else:
-                theirs = float(np.percentile(peer.errors, share))
-                yield compared(title, value, "px", peer="OpenCV full chain", peer_value=theirs, goal=goal)
+def error_rows(score: MarkerScore, what: str, peer: MarkerScore | None, *, error: Goal | None) -> Iterator[Row]:
+    """The median and the 95th percentile of the errors."""
+    for name, share, goal in (("median", 50, error), ("95 %", 95, None)):
+        value, title = float(np.percentile(score.errors, share)), f"{what}, centre error, {name}"
+        if peer is None or not peer.errors:
+            yield measured(title, value, "px", goal=goal)
+        else:
+            theirs = float(np.percentile(peer.errors, share))
+            yield compared(title, value, "px", peer="OpenCV full chain", peer_value=theirs, goal=goal)
 
 
 def jitter(name: str, seed: int, frames: int) -> Row:

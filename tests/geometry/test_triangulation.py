@@ -125,6 +125,40 @@ def test_cameras_that_see_something_else_do_no_harm(count: int, bad: int) -> Non
     assert (result.used | wrong)[near].mean() > 0.99
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [3, 4, 6])
+def test_points_with_outliers_are_those_that_are_found_one_by_one(count: int) -> None:
+    """The kernel that takes many points at a time, beside `consensus`, which takes the points that it leaves."""
+    from mocapella.geometry import triangulation_kernels as kernels
+
+    rng, _, pixels, cameras = scene(3, count, 200)
+    pixels = pixels + rng.normal(0, 1.0, pixels.shape)
+    wrong = rng.random(pixels.shape[:2]) < 0.3
+    pixels[wrong] = rng.uniform(0, 480, (int(wrong.sum()), 2))
+    pixels[rng.random(pixels.shape[:2]) < 0.1] = np.nan
+    found, alone = triangulate(pixels, cameras), 0
+    rays, kept, tried = np.empty((count, 6)), np.empty(count), np.empty(count)
+    for i in np.flatnonzero(~(found.used == np.isfinite(pixels).all(-1)).all(-1)):
+        weights = np.zeros(count)
+        for k in np.flatnonzero(np.isfinite(pixels[i]).all(-1)):
+            u, v = (pixels[i, k] - LENS[2:4]) / LENS[:2]
+            x, y = kernels.undistort(cameras.numbers, k, u, v)
+            if not math.isnan(x):
+                kernels.keep_ray(cameras.numbers, k, x, y, rays)
+                weights[k] = 1.0
+        if (weights > 0).sum() < 2:
+            continue
+        least = math.sin(TriangulationSettings().least_angle_rad) ** 2
+        one = kernels.consensus(cameras.numbers, pixels, i, rays, weights, 16.0, least, kept, tried)
+        assert (one[0] == PointState.SEEN) == (found.states[i] == PointState.SEEN)
+        if one[0] == PointState.SEEN:
+            np.testing.assert_allclose(found.points[i], one[1:4], rtol=0, atol=1e-9)
+            np.testing.assert_array_equal(found.used[i], kept > 0)
+            np.testing.assert_allclose(found.covariances[i][np.triu_indices(3)], one[4:], rtol=1e-6)
+            alone += 1
+    assert alone > 50
+
+
 def test_a_camera_without_a_pixel_or_without_an_sd_is_not_used() -> None:
     _, truth, pixels, cameras = scene(3)
     pixels[:, 0] = np.nan

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from support.kinematic_hands import FULL, LEFT, RIGHT, THESIS, markers, random_angles, random_motion
 
 from mocapella.errors import InputError, SettingsError
+from mocapella.evaluation.hand_solvers import SolverScene, simulated_markers
 from mocapella.geometry.rigid import apply
 from mocapella.kinematics.hand_chain import hand_chain, jacobian, landmarks
 from mocapella.kinematics.hand_settings import HandSettings
@@ -108,6 +109,41 @@ def test_the_standard_deviations_are_those_of_the_errors() -> None:
         hand = HandTracker(THESIS, RIGHT, THREE).update(points + rng.normal(0, sd, points.shape), 0.0, np.full(8, sd))
         ratios.append(((hand.landmarks - truth) ** 2).sum(axis=-1)[5:] / (3 * hand.sd_m[5:] ** 2))
     assert 0.5 < np.mean(ratios) < 1.5
+
+
+def test_an_unseen_finger_is_as_unsure_at_any_frame_rate() -> None:
+    """Motion and the posture at rest count by time, not by frames: a finger is hidden for 0.4 s."""
+    points = markers(THESIS, RIGHT, THREE, bent(np.random.default_rng(5)), np.eye(4))
+    unsure = []
+    for rate_hz in (30, 120):
+        tracker = HandTracker(THESIS, RIGHT, THREE)
+        for k in range(round(0.8 * rate_hz) + 1):
+            x = points.copy()
+            if k > 0.4 * rate_hz:
+                x[2] = np.nan
+            hand = tracker.update(x, k / rate_hz, np.full(8, 0.001))
+        unsure.append(hand.angles_sd[DIGIT_ANGLES[2, [0, 2]]])
+    np.testing.assert_allclose(unsure[0], unsure[1], rtol=0.1)
+    assert (unsure[0] > np.radians(5)).all()
+
+
+@pytest.mark.slow
+def test_with_one_base_marker_errors_are_hardly_larger_than_stated() -> None:
+    """A marker of 4 mm: the directions in which six markers do not tell the hand are kept from frame to frame."""
+    angles, _, points = simulated_markers(THESIS, RIGHT, SolverScene(0.004), 24, 240)
+    free = THESIS.limits[:, 0] < THESIS.limits[:, 1]
+    free[:5] = False  # the thumb
+    median = []
+    for every_s in (HandSettings().posture_every_s, 1 / 60):  # the latter: the posture at rest counts in each frame
+        tracker = HandTracker(THESIS, RIGHT, ONE, HandSettings(posture_every_s=every_s))
+        hands = [tracker.update(x[:6], k / 60, np.full(6, 0.004)) for k, x in enumerate(points)][20:]
+        off = (np.array([hand.angles for hand in hands]) - angles[20:])[:, free]
+        median.append(np.degrees(np.median(np.abs(off))))
+        if every_s > 0.1:
+            sd = np.array([hand.angles_sd for hand in hands])[:, free]
+            assert np.sqrt(np.mean((off / sd) ** 2)) < 2.5
+    assert median[0] < 6.0
+    assert median[0] < median[1]
 
 
 def test_a_surer_marker_counts_more_and_a_covariance_by_direction() -> None:

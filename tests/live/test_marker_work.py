@@ -89,7 +89,7 @@ class Counted:
     def __init__(self, images: int, ambiguous: int) -> None:
         counts, none = np.array([ambiguous, 0, 0]), np.zeros(3, np.int64)
         self.report = MarkerReport(
-            ("red", "blue", "green"), images, 0, 0, none, counts, none, none, none, none, 1.0, 0.0, ""
+            ("red", "blue", "green"), images, 0, 0, none, counts, none, none, none, none, none, 1.0, 0.0, ""
         )
 
 

@@ -94,6 +94,22 @@ def test_a_region_of_more_than_a_tenth_of_the_image_is_no_marker(height: int, re
     assert grow(image, (20, 15), SKIN).mean() == height / 100
 
 
+@pytest.mark.parametrize(("side", "refused"), [(26, False), (28, True)])
+@pytest.mark.parametrize("others", [1, 2])
+def test_a_region_of_twenty_times_the_area_of_the_other_markers_has_leaked(
+    side: int, refused: bool, others: int
+) -> None:
+    """Of 6 × 6 px are the others. Of two markers nobody knows which is too large."""
+    boxes = {"blue": (5, 100, 6, 6, (180, 30, 30)), "green": (25, 100, 6, 6, (30, 180, 30))}
+    image = image_of((5, 5, side, side, RED), *boxes.values(), size=(120, 160))
+    clicks = {"red": (8.0, 8.0), **{name: (boxes[name][0] + 3.0, 103.0) for name in list(boxes)[:others]}}
+    if refused and others == 2:
+        with pytest.raises(InputError, match=r"field red: \(8.0, 8.0\): .* is 22 times as large .*another colour"):
+            learn_colours("left", [ColourSample(image, clicks)])
+    else:
+        assert learn_colours("left", [ColourSample(image, clicks)]).colours[0].area_px == side**2
+
+
 def test_holes_of_a_region_belong_to_it_and_a_region_apart_does_not() -> None:
     image = image_of((20, 20, 12, 12, RED), (24, 24, 3, 3, GREY), (40, 20, 12, 12, RED))
     region = grow(image, (22, 22), "red")

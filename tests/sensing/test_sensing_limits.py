@@ -24,7 +24,7 @@ TINY = 1e-300
         *((MemorySettings, name, 1.0, 1.000001) for name in ("rate", "shadow")),
         (BackgroundMemory, "step_px", 1, 0),
         (MarkerSettings, "largest_elongation", 1.0, 0.999999), (MarkerSettings, "brighter", 1.000001, 1.0),
-        (MarkerSettings, "chroma_drift", TINY, 0.0),
+        (MarkerSettings, "chroma_drift", TINY, 0.0), (MarkerSettings, "near_change", 1.000001, 1.0),
         *((LineSkeletonSettings, name, 0.0, -TINY) for name in ("least_area_px", "least_hull_px2", "hough_length_px",
           "hough_gap_px", "blob_least_m2")),
         (LineSkeletonSettings, "hough_votes", 1, 0), (LineSkeletonSettings, "palm_forward_m", 0.1, 0.100001),

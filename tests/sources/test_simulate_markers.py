@@ -8,7 +8,12 @@ from support.marker_images import scene, shot
 
 from mocapella.errors import SettingsError
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
+from mocapella.sources.simulate.marker_kinds import MARKER_KINDS
 from mocapella.sources.simulate.marker_scene import (
+    MIXED,
+    ON_OTHER,
+    ON_SKIN,
+    ON_WALL,
     load_marker_scene,
     marker_scene_names,
     marker_scene_settings,
@@ -40,6 +45,50 @@ def test_the_paints_centre_of_area_is_the_stated_one(changed: dict[str, float]) 
     centre = np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
     np.testing.assert_allclose(centre, a.centres_px[5], atol=0.05)
     assert a.visible[5] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("kind", MARKER_KINDS)
+def test_a_marker_of_each_kind_has_its_stated_centre_and_area(kind: str) -> None:
+    """Of the pixels that are the marker's alone, and half of those at its edge."""
+    made = scene(kind=kind, curl=0.0)
+    labels, seen = made.labels(0.4), made.at(0.4)
+    y, x = np.indices(labels.shape)
+    for marker in range(6):
+        own = labels == marker
+        ring = (np.hypot(x - seen.centres_px[marker, 0], y - seen.centres_px[marker, 1]) < 30) & (labels == MIXED)
+        np.testing.assert_allclose((x[own].mean(), y[own].mean()), seen.centres_px[marker], atol=0.35)
+        area = np.pi * seen.radii_px[marker] ** 2
+        assert own.sum() < area < own.sum() + ring.sum()
+    np.testing.assert_allclose(seen.visible, 1.0, atol=0.05)
+
+
+def test_labels_are_of_wall_skin_markers_and_other_things() -> None:
+    plain, grey = scene(curl=0.0).labels(0.4), scene(kind="grey-bordered", curl=0.0).labels(0.4)
+    assert set(np.unique(plain)) == {MIXED, ON_SKIN, ON_WALL, *range(6)}
+    assert set(np.unique(grey)) == {MIXED, ON_OTHER, ON_SKIN, ON_WALL, *range(6)}
+    assert (scene(hand=False).labels(0.4) == ON_WALL).all()
+    image = scene(camera=CLEAN, curl=0.0, skin_gloss=0.0).at(0.4).image.astype(int)
+    assert (image[plain == ON_SKIN, 2] > image[plain == ON_SKIN, 0]).mean() > 0.99
+
+
+def test_repeats_differ_in_noise_only() -> None:
+    one, other = scene().repeats(0.4, 2)
+    once = scene().at(0.4)
+    assert (one.image != other.image).any()
+    assert np.abs(one.image.astype(int) - other.image).mean() < 4
+    np.testing.assert_array_equal(one.centres_px, once.centres_px)
+    np.testing.assert_array_equal(one.visible, once.visible)
+    a, b = scene(camera=dataclasses.replace(CLEAN, photons=1e6)).repeats(0.4, 2)
+    assert np.abs(a.image.astype(int) - b.image).max() <= 3
+    np.testing.assert_array_equal(next(scene().repeats(0.4, 1)).image, one.image)
+
+
+def test_a_kinds_shapes_are_its_own() -> None:
+    areas = {kind: scene(kind=kind).at(0.4).radii_px for kind in MARKER_KINDS}
+    assert (areas["nail"][:5] < areas["grey-bordered"][:5]).all()
+    assert (areas["grey-bordered"][:5] < areas["painted"][:5]).all()
+    assert (areas["painted"][:5] < areas["shrink-tube"][:5]).all()
+    assert len({radii[5] for radii in areas.values()}) == 1
 
 
 def test_what_is_hidden_or_outside_is_not_visible() -> None:
@@ -85,6 +134,8 @@ def test_bad_scenes_are_refused() -> None:
         scene_of({"common": common, "scenes": {"x": {"cluter": 1.0}}}, "x")
     with pytest.raises(SettingsError, match="paints"):
         dataclasses.replace(marker_scene_settings("desk"), paints=())
+    with pytest.raises(SettingsError, match=r"kind is 'nails'.*did you mean nail"):
+        dataclasses.replace(marker_scene_settings("desk"), kind="nails")
     with pytest.raises(SettingsError, match="size_px"):
         dataclasses.replace(marker_scene_settings("desk"), size_px=(63, 64))
     for name in ("exposure", "lens_blur_px", "photons", "read_noise", "saturation"):

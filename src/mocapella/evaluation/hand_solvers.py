@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.plots import new_figure, save_figure
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
 from mocapella.kinematics.hand_chain import hand_chain, landmarks, palm_landmarks
@@ -210,15 +211,8 @@ def plot_solvers(rows: Sequence[SolverRow], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise SettingsError(
-            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        ) from error
     scenes = list(dict.fromkeys(row.scene for row in rows))
-    figure = Figure(figsize=(10, 6.5), layout="constrained")
+    figure = new_figure(path, 10, 6.5)
     panels = {
         "angle_deg": "median error of finger angles [°]",
         "jitter_mm": "jitter [mm]",
@@ -233,7 +227,4 @@ def plot_solvers(rows: Sequence[SolverRow], path: Path) -> None:
         axes.set_xticks(at, SOLVER_NAMES, rotation=30, ha="right")
         axes.set(ylabel=label)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(scenes))
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"{path}: {error}; name a .png or .svg in a folder that exists") from error
+    save_figure(figure, path)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocapella.compiled import njit
 from mocapella.fusion.object_pose_values import MarkerPixels, PosePrediction, PoseResult
 from mocapella.geometry.cholesky_kernels import factorise, substitute
-from mocapella.geometry.triangulation_kernels import linearised
+from mocapella.geometry.triangulation_lane_kernels import linearised
 
 Float64 = NDArray[np.float64]
 

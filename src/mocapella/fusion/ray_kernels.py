@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.fusion.marker_rays import CameraPixels, RayMemory, RayOutput, RayParameters
-from mocapella.geometry.triangulation_kernels import linearised, triangulate
+from mocapella.geometry.triangulation_kernels import triangulate
+from mocapella.geometry.triangulation_lane_kernels import linearised
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -178,20 +178,21 @@ def _expected(
             H[6 + i, 6 + k] += prior[i, k]
         g[6 + i] -= v
         cost += v * (z[i] - prior_mean[i])
-        w, d = certainty[6 + i], z[i] - predicted_z[i]
-        H[6 + i, 6 + i] += w
-        g[6 + i] -= w * d
-        cost += w * d * d
-    if certainty[0] > 0.0 or certainty[3] > 0.0:
-        d = np.empty(6)
+    d = np.zeros(6 + n)
+    if certainty[0, 0] > 0.0 or certainty[3, 3] > 0.0:
         d[3], d[4], d[5] = turn_between(predicted_R, FIRST, R)
         dx, dy, dz = t[0] - predicted_t[0], t[1] - predicted_t[1], t[2] - predicted_t[2]
         for k in range(3):
             d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz
-        for k in range(6):
-            H[k, k] += certainty[k]
-            g[k] -= certainty[k] * d[k]
-            cost += certainty[k] * d[k] * d[k]
+    for i in range(n):
+        d[6 + i] = z[i] - predicted_z[i]
+    for i in range(6 + n):
+        v = 0.0
+        for k in range(6 + n):
+            v += certainty[i, k] * d[k]
+            H[i, k] += certainty[i, k]
+        g[i] -= v
+        cost += v * d[i]
     return cost
 
 
@@ -278,7 +279,7 @@ def fit(
         c_max: limit of c [rad].
         prior_mean, prior: (n,), (n, n) mean and inverse covariance of the free angles.
         predicted_R, predicted_t, predicted_z: (9,), (3,), (n,) predicted values of R, t and z.
-        certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about the prediction.
+        certainty: (6 + n, 6 + n) inverse covariance of the palm's twist and of the free angles about the prediction.
         R, t, z: (9,), (3,), (n,) motion from the palm's frame to the world (rotation by rows, translation [m]) and free
             angles [rad]; the start, overwritten with the result.
         iterations: largest number of iterations.
@@ -339,8 +340,8 @@ def fit(
 @njit(cache=True)
 def describe(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
-    gains: Float64, prior: Float64, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64, sd: Float64,
-    alone: Float64, variances: Float64, residuals: Float64,
+    gains: Float64, prior: Float64, share: float, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64,
+    sd: Float64, alone: Float64, covariance: Float64, residuals: Float64,
 ) -> bool:  # fmt: skip
     """Compute a fitted hand's landmarks and their uncertainty: posterior, and from this frame's markers alone.
 
@@ -350,10 +351,11 @@ def describe(
     Args:
         digits, mirror, layout, points, information, columns, gains, prior, certainty, R, t, z: the fitted hand and its
             measurements, as in `fit`; not changed.
+        share: share of the prior's information that the fit used.
         x: (21, 3) written: landmarks in the world [m].
         sd: (21,) written: standard deviation of a coordinate, from all information [m].
         alone: (21,) written: standard deviation of a coordinate, from the markers alone [m].
-        variances: (6 + n,) written: of the palm's twist and of the free angles, from all information.
+        covariance: (6 + n, 6 + n) written: of the palm's twist and of the free angles, from all information.
         residuals: (5 + k,) written: distances of the measured markers from the fitted ones [m]; NaN where not finite.
 
     Returns:
@@ -366,11 +368,13 @@ def describe(
     _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g)
     P = np.empty((2, n, n))
     for case in range(2):  # the markers alone, and all information
-        weight = _WEAK if case == 0 else 1.0
+        weight = _WEAK if case == 0 else share
         for i in range(n):
             for k in range(n):
                 H[i, k] = Hm[i, k] + (weight * prior[i - 6, k - 6] if i >= 6 and k >= 6 else 0.0)
-            H[i, i] += 1e-6 if case == 0 else 1e-6 + certainty[i]
+                if case == 1:
+                    H[i, k] += certainty[i, k]
+            H[i, i] += 1e-6
         if not factorise(H, 1e-12, M):
             return False
         for i in range(n):
@@ -380,7 +384,8 @@ def describe(
             for k in range(n):
                 P[case, i, k] = g[k]
     for i in range(n):
-        variances[i] = P[1, i, i]
+        for k in range(n):
+            covariance[i, k] = P[1, i, k]
     for landmark in range(21):
         digit, joint = (landmark - 1) // 4, (landmark - 1) % 4 if landmark > 0 else 0
         if landmark == 0:

@@ -21,12 +21,12 @@ class HandSettings:
             at rest; larger: the posture at rest counts less [°].
         coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
             it is free; larger: it follows the second joint less [°].
-        angle_rate_deg_s: growth of a predicted angle's standard deviation per second; larger: less lag, more jitter
-            [°/s].
-        palm_rate_m_s: growth of the standard deviation of the palm's predicted position per second; larger: less lag,
-            more jitter [m/s].
-        palm_rate_deg_s: growth of the standard deviation of the palm's predicted orientation per second; larger: less
-            lag, more jitter [°/s].
+        posture_every_s: time in which the posture at rest counts once while a hand is followed; larger: it counts less
+            [s].
+        angle_rate_deg_s: standard deviation of an angle's unpredicted speed, which changes every sixtieth of a second;
+            larger: less lag, more jitter [°/s].
+        palm_rate_m_s: the same of each direction of the palm's motion [m/s].
+        palm_rate_deg_s: the same of the palm's rotation about each axis [°/s].
         velocity_memory_s: time constant of the decay of velocities while no marker is seen; measured velocities are
             smoothed with half of it; larger: the motion is extrapolated farther, and changes later [s].
         outlier_sd: distance from the fitted hand above which a marker is rejected, the farthest first, at most two in a
@@ -46,7 +46,8 @@ class HandSettings:
     abduction_sd_deg: float = 8.0
     thumb_sd_deg: float = 20.0
     coupling_sd_deg: float = 12.0
-    angle_rate_deg_s: float = 200.0
+    posture_every_s: float = 0.1
+    angle_rate_deg_s: float = 100.0
     palm_rate_m_s: float = 0.4
     palm_rate_deg_s: float = 90.0
     velocity_memory_s: float = 0.3
@@ -56,7 +57,8 @@ class HandSettings:
     most_iterations: int = 20
 
     def __post_init__(self) -> None:
-        for name in ("marker_sd_m", "palm_rate_m_s", "tracked_sd_m", "velocity_memory_s", "forget_after_s"):
+        for name in ("marker_sd_m", "palm_rate_m_s", "tracked_sd_m", "velocity_memory_s", "forget_after_s",
+                     "posture_every_s"):  # fmt: skip
             check(0 < getattr(self, name) < 1e3, name, getattr(self, name), "above 0, below 1000")
         for name in ("flexion_sd_deg", "abduction_sd_deg", "thumb_sd_deg", "coupling_sd_deg"):
             check(0 < getattr(self, name) <= 360, name, getattr(self, name), "above 0, at most 360")

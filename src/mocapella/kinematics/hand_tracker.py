@@ -31,6 +31,8 @@ Float64 = NDArray[np.float64]
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
 _LEAST_SD_M: Final = 1e-6
 """Least standard deviation of a marker, so that the normal equations can be solved [m]."""
+_SPEED_S: Final = 1 / 60
+"""Time for which an unknown speed of a joint or the palm lasts; then another follows [s]."""
 _DOUBTFUL: Final = 4.0
 """Distance of a marker from the fit, in standard deviations, above which another start is tried, too."""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
@@ -39,14 +41,20 @@ _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Pose, angles, their variances and velocities of the hand at an instant."""
+    """Pose, angles, their covariance and velocities of the hand at an instant.
+
+    A prediction also has its inverse covariance, `certainty`, and the share of the information of the posture at rest
+    that counts beside it: in `posture_every_s` it counts once, however many frames there are.
+    """
 
     at_s: float
     seen_s: float
     T: Float64
     z: Float64
-    variances: Float64
+    covariance: Float64
     velocity: Float64
+    certainty: Float64 | None = None
+    share: float = 1.0
 
 
 class HandTracker:
@@ -196,15 +204,15 @@ class HandTracker:
         _fitting().within(self.solver.digits, self.columns, self.gains, z, self._c_max)
         rates = np.full(6 + len(z), np.radians(s.angle_rate_deg_s))
         rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
-        variances = last.variances + (rates * dt) ** 2
-        variances[6:] = np.minimum(variances[6:], np.radians(90.0) ** 2)
+        covariance = last.covariance + np.diag(rates**2 * dt * _SPEED_S)
         velocity = last.velocity * np.exp(-dt / s.velocity_memory_s)
-        return _State(at_s, last.seen_s, T, z, variances, velocity)
+        share = min(dt / s.posture_every_s, 1.0)
+        certainty = np.asarray(np.linalg.inv(covariance), np.float64)
+        return _State(at_s, last.seen_s, T, z, covariance, velocity, certainty, share)
 
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
         """Fit the hand from its prediction; return it and the information used; None if all markers were rejected."""
-        certainty = 1.0 / np.maximum(before.variances, 1e-12)
-        fitted, kept = self._without_outliers(before, certainty, points, information)
+        fitted, kept = self._without_outliers(before, points, information)
         fitted = self._solved(fitted, before.z, points, kept)
         dt = before.at_s - self._state.at_s if self._state is not None else 0.0
         velocity = before.velocity
@@ -219,7 +227,7 @@ class HandTracker:
             velocity = last.velocity + part * (measured - last.velocity)
         if not kept[:, 0, 0].any():
             return None
-        return _State(before.at_s, before.at_s, *fitted, before.variances, velocity), kept
+        return _State(before.at_s, before.at_s, *fitted, before.covariance, velocity), kept
 
     def _found(self, points: Float64, information: Float64, at_s: float) -> tuple[_State, Float64] | None:
         """Acquire a hand, from several initial poses; None with fewer than three tips or without a base marker."""
@@ -235,11 +243,11 @@ class HandTracker:
         if direct is not None:
             starts.append(direct)
         n = 6 + len(self._mean)
-        nothing = _State(at_s, at_s, np.eye(4), self._mean, np.full(n, np.inf), np.zeros(n))
-        fitted, kept = self._without_outliers(nothing, np.zeros(n), points, information, starts)
+        nothing = _State(at_s, at_s, np.eye(4), self._mean, np.zeros((n, n)), np.zeros(n))
+        fitted, kept = self._without_outliers(nothing, points, information, starts)
         fitted = self._solved(fitted, self._mean, points, kept)
         self.report.found += 1
-        return _State(at_s, at_s, *fitted, np.zeros(n), np.zeros(n)), kept
+        return _State(at_s, at_s, *fitted, np.zeros((n, n)), np.zeros(n)), kept
 
     def _direct(self, points: Float64, information: Float64, z: Float64) -> tuple[Float64, Float64] | None:
         """Align the palm to three or more base markers, else None; solve the fingers in closed form."""
@@ -277,7 +285,6 @@ class HandTracker:
     def _without_outliers(
         self,
         before: _State,
-        certainty: Float64,
         points: Float64,
         information: Float64,
         starts: list[tuple[Float64, Float64]] | None = None,
@@ -287,13 +294,13 @@ class HandTracker:
         If the fit from the prediction is bad, the closed form is another start.
         """
         starts = starts or [(before.T, before.z)]
-        best = self._best(before, certainty, starts, points, information)
+        best = self._best(before, starts, points, information)
         squared = self._misfits(best, points, information)
         if squared.max() > _DOUBTFUL**2 and len(starts) == 1:
             direct = self._direct(points, information, before.z)
             if direct is not None:
                 starts = [best, direct]
-                best = self._best(before, certainty, starts, points, information)
+                best = self._best(before, starts, points, information)
                 squared = self._misfits(best, points, information)
         kept = information.copy()
         for _ in range(2):
@@ -302,7 +309,7 @@ class HandTracker:
                 break
             kept[worst] = 0.0
             self.report.rejected[worst] += 1
-            best = self._best(before, certainty, [*starts, best], points, kept)
+            best = self._best(before, [*starts, best], points, kept)
             squared = self._misfits(best, points, kept)
         return best, kept
 
@@ -317,9 +324,10 @@ class HandTracker:
         return out
 
     def _best(
-        self, before: _State, certainty: Float64, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
+        self, before: _State, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
     ) -> tuple[Float64, Float64]:
         least, best = np.inf, starts[0]
+        certainty = np.zeros_like(before.covariance) if before.certainty is None else before.certainty
         predicted_R = np.ascontiguousarray(before.T[:3, :3]).reshape(9)
         predicted_t = np.ascontiguousarray(before.T[:3, 3])
         clean = np.nan_to_num(points)
@@ -327,7 +335,7 @@ class HandTracker:
             R, t, angles = np.ascontiguousarray(T[:3, :3]).reshape(9).copy(), T[:3, 3].copy(), z.copy()
             cost = _fitting().fit(
                 self.solver.digits, self._mirror, self.layout, clean, info, self.columns, self.gains, self._c_max,
-                self._mean, self._prior, predicted_R, predicted_t, before.z, certainty, R, t, angles,
+                self._mean, before.share * self._prior, predicted_R, predicted_t, before.z, certainty, R, t, angles,
                 self.settings.most_iterations,
             )  # fmt: skip
             if cost < least:
@@ -363,16 +371,19 @@ class HandTracker:
         self, state: _State, before: _State | None, points: Float64, information: Float64, seen: bool
     ) -> Hand:
         x, sd, alone = np.empty((len(LANDMARKS), 3)), np.empty(len(LANDMARKS)), np.empty(len(LANDMARKS))
-        variances, residuals = np.empty(6 + len(state.z)), np.empty(len(points))
-        certainty = np.zeros(len(variances)) if before is None else 1.0 / np.maximum(before.variances, 1e-12)
+        n = 6 + len(state.z)
+        covariance, residuals = np.empty((n, n)), np.empty(len(points))
+        certainty = np.zeros((n, n)) if before is None or before.certainty is None else before.certainty
         R = np.ascontiguousarray(state.T[:3, :3]).reshape(9)
         t = np.ascontiguousarray(state.T[:3, 3])
         sure = _fitting().describe(
             self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
-            self._prior, certainty, R, t, state.z, x, sd, alone, variances, residuals,
+            self._prior, 1.0 if before is None else before.share, certainty, R, t, state.z, x, sd, alone, covariance,
+            residuals,
         )  # fmt: skip
         assert sure, "information is bounded, and so is the prior"
-        self._state = _State(state.at_s, state.seen_s, state.T, state.z, variances, state.velocity)
+        self._state = _State(state.at_s, state.seen_s, state.T, state.z, covariance, state.velocity)
+        variances = np.diagonal(covariance)
         tracked = (alone <= self.settings.tracked_sd_m) & seen
         states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         angles_sd = np.zeros(len(ANGLES))

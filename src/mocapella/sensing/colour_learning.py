@@ -38,6 +38,8 @@ LEAST_PX: Final = 12
 LARGEST_SHARE: Final = 0.1
 COLOURLESS: Final = 0.25
 """Least chromaticity of a colour, as distance from grey."""
+LARGEST_RATIO: Final = 20.0
+"""Largest area of a marker's region over the median of the other markers' regions."""
 _SEED_PX: Final = 4
 _EDGE_PX: Final = 8
 """Margin around markers that is not learnt as background."""
@@ -100,12 +102,34 @@ def learn_colours(
             if name != SKIN:
                 marked |= region
         apart.append((sample.image, ~ndimage.binary_dilation(marked, iterations=_EDGE_PX)))
+    _refuse_leaks({name: click for sample in samples for name, click in sample.clicks.items()}, areas)
     learnt = {name: learn(np.concatenate(found)) for name, found in pixels.items()}
     colours = tuple(Colour(k, seen, float(np.median(areas[k]))) for k, seen in learnt.items() if k != SKIN)
     apart += [(image, np.ones(image.shape[:2], np.bool_)) for image in backgrounds]
     background = learn_background(apart)
     height, width = images[0].shape[:2]
     return ColourProfile(camera, (width, height), colours, background, learnt.get(SKIN), controls or CameraControls())
+
+
+def _refuse_leaks(clicks: Mapping[str, tuple[float, float]], areas: Mapping[str, Sequence[int]]) -> None:
+    """Refuse a region that is far larger than those of the other markers, because it has grown into the background.
+
+    Args:
+        clicks: x, y [px] by the marker's name, for the error.
+        areas: areas of the regions around the clicks by name [px²].
+
+    Raises:
+        InputError: a marker's region is more than `LARGEST_RATIO` times as large as the median of two others or more.
+    """
+    sizes = {name: float(np.median(found)) for name, found in areas.items() if name != SKIN}
+    for name, size in sizes.items():
+        others = [other for marker, other in sizes.items() if marker != name]
+        if len(others) >= 2 and size > LARGEST_RATIO * float(np.median(others)):
+            raise InputError(
+                f"the like-coloured region there is {size / float(np.median(others)):.0f} times as large as those of "
+                "the other markers", field=name, value=clicks[name],
+                fix="move the hand before something of another colour, and click again; or choose another colour",
+            )  # fmt: skip
 
 
 def check_image(image: Any) -> None:

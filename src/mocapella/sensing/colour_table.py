@@ -81,7 +81,7 @@ class Separability:
     problems: tuple[str, ...]
 
 
-def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) -> UInt8:
+def lookup_table(profile: ColourProfile, settings: TableSettings | None = None, *, near_px: float = 0.0) -> UInt8:
     """Return (32768,) labels of cells (b >> 3) | (g >> 3) << 5 | (r >> 3) << 10: 0 for none, k for the k-th colour.
 
     A cell is classified by its middle; k counts from 1.
@@ -89,10 +89,11 @@ def lookup_table(profile: ColourProfile, settings: TableSettings | None = None) 
     Args:
         profile: the colours of the markers and of the background.
         settings: margins of the classification; the defaults if None.
+        near_px: as in `classify`.
     """
     values = (np.arange(CELLS) + 0.5) * CELL - 0.5
     red, green, blue = np.meshgrid(values, values, values, indexing="ij")
-    return classify(profile, np.stack([blue, green, red], axis=-1).reshape(-1, 3), settings)
+    return classify(profile, np.stack([blue, green, red], axis=-1).reshape(-1, 3), settings, near_px=near_px)
 
 
 def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
@@ -101,13 +102,17 @@ def cell_of(bgr: NDArray[Any]) -> NDArray[np.int64]:
     return np.asarray(cell[..., 0] + CELLS * cell[..., 1] + CELLS * CELLS * cell[..., 2])
 
 
-def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None) -> UInt8:
+def classify(
+    profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings | None = None, *, near_px: float = 0.0
+) -> UInt8:
     """Return (...) uint8 labels of pixels (..., 3) blue, green, red, 0 … 255: 0 for none, k ≥ 1 for the k-th colour.
 
     Args:
         profile: the colours of the markers and of the background.
         bgr: (..., 3) pixels, of any number type.
         settings: margins of the classification; the defaults if None.
+        near_px: side of a window that the marker is known to be in [px]; 0 for the whole image. The background of the
+            scene, of which a window has a small part, counts by the window's share of the image.
     """
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)
@@ -120,6 +125,8 @@ def classify(profile: ColourProfile, bgr: NDArray[Any], settings: TableSettings 
     top = np.take_along_axis(likely, best[..., None], axis=-1)[..., 0]
     np.put_along_axis(likely, best[..., None], 0.0, axis=-1)
     areas = np.array([colour.area_px for colour in profile.colours])[best]
+    if near_px > 0:
+        areas = areas * max(profile.size_px[0] * profile.size_px[1] / near_px**2, 1.0)
     sure = (top > s.margin * no_marker(profile, at, noise, areas)) & (top > s.margin_of_others * likely.max(axis=-1))
     return np.where(sure, best + 1, 0).astype(np.uint8)
 

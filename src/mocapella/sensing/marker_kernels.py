@@ -22,6 +22,7 @@ from mocapella.sensing.marker_memory import (
     ELONGATION,
     FOUND,
     MERGED,
+    NEAR,
     OUT,
     REJECTED_BIG,
     REJECTED_SHAPE,
@@ -53,6 +54,8 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
+SEED_PX = 4.0
+"""Least number of connected pixels of a marker's colour around which it is searched for by the colours of a window."""
 # Literals 0 and True at a call would be other types, for which numba would compile the kernel once more.
 _0, _YES = np.int64(0), np.bool_(True)
 
@@ -62,10 +65,12 @@ class MarkerColours(NamedTuple):
 
     Attributes:
         table: (32768,) uint8 label of a colour cell, 0 for none; marker k has the label k + 1.
+        near: the same for a window about a marker's predicted position, where the background counts less.
         light: (256,) linear light of a pixel value.
     """
 
     table: UInt8
+    near: UInt8
     light: Float64
 
 
@@ -81,6 +86,7 @@ class MarkerLimits(NamedTuple):
         area_range: largest factor between the area and the learnt one, in either direction.
         acceleration_px_s2: unmodelled acceleration of a marker, which widens the window [px/s²].
         forget_s: time since a marker's last detection after which there is no prediction [s].
+        near_change: largest factor between the area and the last one of a marker found with `MarkerColours.near`.
     """
 
     least_px: float
@@ -93,6 +99,7 @@ class MarkerLimits(NamedTuple):
     area_range: float
     acceleration_px_s2: float
     forget_s: float
+    near_change: float
 
 
 class MarkerRows(NamedTuple):
@@ -261,11 +268,64 @@ def _search_near(
 
 
 @njit(cache=True, error_model="numpy")
+def _search_by_near_colours(
+    image: UInt8, c: MarkerColours, rows: MarkerRows, k: int, at_s: float, limits: MarkerLimits,
+    buffers: PieceBuffers, shape: Float64, mine: Float64,
+) -> None:  # fmt: skip
+    """Search for marker k near its prediction by `MarkerColours.near`, and write its row if a piece is like the last.
+
+    Its area must differ from the last by at most ``near_change``.
+    """
+    memory = rows.memory
+    age = at_s - memory[k, SEEN_S]
+    px, py = memory[k, X] + age * memory[k, VX], memory[k, Y] + age * memory[k, VY]
+    half = 0.5 * limits.window_px + min(0.5 * limits.acceleration_px_s2 * age * age, limits.window_px)
+    half += math.sqrt(memory[k, AREA] / math.pi)
+    _by_near_colours(
+        image, c, px, py, half, memory[k, AREA], memory[k, USUAL], k + 1, limits, buffers, shape, mine, rows.out[k]
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _by_near_colours(
+    image: UInt8, c: MarkerColours, px: float, py: float, half: float, area: float, usual: float, label: int,
+    limits: MarkerLimits, buffers: PieceBuffers, shape: Float64, mine: Float64, out: Float64,
+) -> None:  # fmt: skip
+    """Search by `MarkerColours.near` within ``half`` px of (px, py); write ``out`` (`OUT`,) if a piece is plausible.
+
+    The piece must lie within the window as a whole. ``area`` is what it is compared with [px²], ``usual`` is the area
+    when the colour was learnt, and the other arguments are those of `choose` and `measure`.
+    """
+    h, w, _ = image.shape
+    x0, x1 = max(int(px - half), 0), min(int(px + half) + 1, w)
+    y0, y1 = max(int(py - half), 0), min(int(py + half) + 1, h)
+    if x1 - x0 < 2 or y1 - y0 < 2:
+        return
+    count = pieces(image, c.near, x0, y0, x1, y1, label, buffers)
+    if count < 0:
+        return
+    counts = np.zeros(OUT)
+    best = choose(buffers.found, count, label, x0, y0, _YES, px, py, area, usual, limits, shape, mine, counts)
+    if best < 0 or not (mine[X0] > x0 and mine[X1] < x1 - 1 and mine[Y0] > y0 and mine[Y1] < y1 - 1):
+        return
+    change = mine[SIZE] / area
+    if limits.near_change > change > 1.0 / limits.near_change:
+        out[CANDIDATES] = counts[CANDIDATES]
+        measure(image, MarkerColours(c.near, c.near, c.light), mine, x0, y0, area, limits, shape, out)
+        out[CONFIDENCE] *= 0.5
+        out[NEAR] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
 def _search_all(
     image: UInt8, c: MarkerColours, rows: MarkerRows, at_s: float, limits: MarkerLimits, buffers: PieceBuffers,
     shape: Float64, mine: Float64,
 ) -> int:  # fmt: skip
-    """Search the whole image for the markers that are not found yet; return 1, or 3 if there were too many runs."""
+    """Search the whole image for the markers that are not found yet; return 1, or 3 if there were too many runs.
+
+    Where no piece of a marker's colour is plausible, the largest is a seed: around it, pieces by `MarkerColours.near`
+    are considered, as the hysteresis of two thresholds (Canny 1986, section VIII) does along an edge.
+    """
     h, w, _ = image.shape
     memory, out, found, flags = rows.memory, rows.out, buffers.found, 1
     count = pieces(image, c.table, _0, _0, w, h, _0, buffers)
@@ -285,6 +345,19 @@ def _search_all(
         )  # fmt: skip
         if best >= 0:
             measure(image, c, mine, _0, _0, area, limits, shape, out[k])
+    seeds = np.full((len(out), 3), -1.0)
+    for p in range(count):
+        k = int(found[p, LABEL]) - 1
+        if out[k, FOUND] == 0.0 and found[p, SIZE] > max(seeds[k, 2], SEED_PX - 1.0):
+            seeds[k, 0], seeds[k, 1] = 0.5 * (found[p, X0] + found[p, X1]), 0.5 * (found[p, Y0] + found[p, Y1])
+            seeds[k, 2] = found[p, SIZE]
+    for k in range(len(out)):
+        usual = memory[k, USUAL]
+        if out[k, FOUND] == 0.0 and 0.0 < seeds[k, 2] < usual * limits.area_range:
+            half = 0.5 * limits.window_px + math.sqrt(usual)
+            _by_near_colours(
+                image, c, seeds[k, 0], seeds[k, 1], half, usual, usual, k + 1, limits, buffers, shape, mine, out[k]
+            )
     return flags
 
 
@@ -320,9 +393,14 @@ def follow(
         for k in range(len(out)):
             _search_near(image, c, rows, k, at_s, limits, buffers, shape, mine)
             if out[k, FOUND] == 0.0:
+                _search_by_near_colours(image, c, rows, k, at_s, limits, buffers, shape, mine)
+            if out[k, FOUND] == 0.0:
                 lost = True
     if lost:
         flags = _search_all(image, c, rows, at_s, limits, buffers, shape, mine)
+        for k in range(len(out)):
+            if out[k, FOUND] == 0.0 and at_s - memory[k, SEEN_S] <= limits.forget_s:
+                _search_by_near_colours(image, c, rows, k, at_s, limits, buffers, shape, mine)
     for k in range(len(out)):
         if out[k, FOUND] > 0.0:
             age = at_s - memory[k, SEEN_S]

@@ -4,7 +4,8 @@
     frame, report = detector.update(image, at_s), detector.report
 
 Every marker is searched in a window around its prediction at constant velocity in the image; when one is not found, the
-whole image is searched at once. `docs/markers.md` describes how markers are distinguished from similar objects.
+whole image is searched at once. In a window the scene's background counts less, which is used where a marker has hardly
+any pixel that no background could have. `docs/markers.md` describes how markers are distinguished from similar objects.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class MarkerSettings:
         area_range: greatest factor between its area and the learnt one; 10 is three times as far or near.
         largest_elongation: long axis over short axis; a painted fingertip in motion blur stays below.
         least_fill: area over that of the ellipse with the same moments.
+        near_change: greatest factor between the area and the last one, or the learnt one of a marker that was lost, of
+            a marker that is found only by the colours of a window (`colour_table.classify`).
         sd_floor_px, sd_scale: a centre's standard deviation is the root of the sum of squares of the floor and of
             the scale times the roughness of the marker's edge.
         brighter: the report warns if the brightness differs from the profile's by more than this factor.
@@ -73,6 +76,7 @@ class MarkerSettings:
     area_range: float = 10.0
     largest_elongation: float = 4.0
     least_fill: float = 0.6
+    near_change: float = 2.5
     sd_floor_px: float = 0.09
     sd_scale: float = 1.3
     brighter: float = 1.5
@@ -90,6 +94,7 @@ class MarkerSettings:
         check(1 < self.area_range <= 1e6, "area_range", self.area_range, "above 1")
         check(self.largest_elongation >= 1, "largest_elongation", self.largest_elongation, "1 or more")
         check(0 <= self.least_fill < 1, "least_fill", self.least_fill, "from 0 to below 1")
+        check(1 < self.near_change <= 1e6, "near_change", self.near_change, "above 1")
         check(0 < self.sd_floor_px <= 100, "sd_floor_px", self.sd_floor_px, "above 0 px")
         check(0 <= self.sd_scale <= 100, "sd_scale", self.sd_scale, "from 0 to 100")
         check(self.brighter > 1, "brighter", self.brighter, "above 1")
@@ -107,6 +112,7 @@ class MarkerReport:
         overflows: number of images with more than `RUNS` runs, whose last rows were not searched.
         found: number of images with the marker.
         ambiguous: number of images with more than one candidate; the likeliest was taken.
+        near: number of images in which it was found only by the colours of a window; its confidence is halved there.
         merged: number of pieces of its colour that were joined to it.
         too_small, too_big, wrong_shape: number of pieces of its colour that were rejected, by reason.
         brightness: brightness of the last measured image over the profile's; 1 is as learnt.
@@ -120,6 +126,7 @@ class MarkerReport:
     overflows: int
     found: NDArray[np.int64]
     ambiguous: NDArray[np.int64]
+    near: NDArray[np.int64]
     merged: NDArray[np.int64]
     too_small: NDArray[np.int64]
     too_big: NDArray[np.int64]
@@ -146,7 +153,8 @@ class MarkerDetector:
         s, (width, height) = self.settings, profile.size_px
         self._table = lookup_table(profile, s.table)
         k = _kernels()
-        self._colours = k.MarkerColours(self._table, linear_light())
+        self._near = lookup_table(profile, s.table, near_px=s.window_px)
+        self._colours = k.MarkerColours(self._table, self._near, linear_light())
         self._limits = k.MarkerLimits(
             least_px=float(s.least_px),
             most_px=float(s.largest_share * width * height),
@@ -158,6 +166,7 @@ class MarkerDetector:
             area_range=float(s.area_range),
             acceleration_px_s2=float(s.acceleration_px_s2),
             forget_s=float(s.forget_s),
+            near_change=float(s.near_change),
         )
         self._names, self._follow, self._rows = profile.names, k.follow, k.MarkerRows
         self._buffers = piece_buffers(width, RUNS)
@@ -252,6 +261,7 @@ class MarkerDetector:
             overflows=self._overflows,
             found=sums[:, at.FOUND].astype(np.int64),
             ambiguous=sums[:, at.CANDIDATES].astype(np.int64),
+            near=sums[:, at.NEAR].astype(np.int64),
             merged=sums[:, at.MERGED].astype(np.int64),
             too_small=sums[:, at.REJECTED_SMALL].astype(np.int64),
             too_big=sums[:, at.REJECTED_BIG].astype(np.int64),

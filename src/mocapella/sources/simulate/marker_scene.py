@@ -5,10 +5,10 @@
     shot.image, shot.centres_px, shot.visible
 
 The hand is flat: tapered capsules for arm and fingers, an ellipse for the palm, and an ellipse of paint on each
-fingertip and on the hand's base, in front of a cluttered wall. All are shaded as rounded bodies, with highlights, under
-light of changing strength, colour and direction. Edges are anti-aliased by exact distances. The image has an exposure
-time and, optionally, a rolling shutter; `camera_image` then simulates the camera. Coordinates are OpenCV's: the centre
-of the first pixel is (0, 0).
+fingertip and on the hand's base, in front of a cluttered wall. Other markers of fingertips are in `marker_kinds`. All
+are shaded as rounded bodies, with highlights, under light of changing strength, colour and direction. Edges are
+anti-aliased by exact distances. The image has an exposure time and, optionally, a rolling shutter; `camera_image` then
+simulates the camera. Coordinates are OpenCV's: the centre of the first pixel is (0, 0).
 
 A scene is a table of ``data/marker_scenes.toml``. The seed determines the wall, the hand's motion and the noise; the
 same scene, seed and time give the same image to the bit.
@@ -17,7 +17,7 @@ same scene, seed and time give the same image to the bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final
@@ -29,12 +29,16 @@ from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
 from mocapella.settings import check, parse
 from mocapella.sources.simulate.camera_image import CameraImageSettings, camera_image
+from mocapella.sources.simulate.marker_kinds import GREY, MARKER_KINDS
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Int8 = NDArray[np.int8]
 UInt8 = NDArray[np.uint8]
 
-CAPSULE, ELLIPSE = 0.0, 1.0
+CAPSULE, ELLIPSE, TUBE = 0.0, 1.0, 2.0
+ON_WALL, ON_SKIN, ON_OTHER, MIXED = -1, -2, -3, -4
+"""Values of `MarkerScene.labels` off the markers: wall, skin, another thing, and a mixture of several."""
 SUB_TIMES: Final = 4
 """Number of instants of one exposure that are averaged."""
 _STEP_S: Final = 1e-4
@@ -72,6 +76,7 @@ class MarkerSceneSettings:
 
     Attributes:
         paints: paints of thumb to little finger and of the hand's base.
+        kind: what is on the fingertips, a name in `marker_kinds.MARKER_KINDS`; the base always has a painted disc.
         size_px: (width, height) of the image.
         palm_px: width of the palm; 90 px is a hand half a metre in front of the thesis' camera [px].
         palm_change: relative change of the hand's size, as its distance varies.
@@ -97,6 +102,7 @@ class MarkerSceneSettings:
     """
 
     paints: tuple[Paint, ...]
+    kind: str = "painted"
     size_px: tuple[int, int] = (640, 480)
     palm_px: float = 90.0
     palm_change: float = 0.15
@@ -119,6 +125,7 @@ class MarkerSceneSettings:
 
     def __post_init__(self) -> None:
         check(len(self.paints) == 6, "paints", len(self.paints), "six: five fingertips and the hand's base")
+        check(self.kind in MARKER_KINDS, "kind", self.kind, one_of(self.kind, MARKER_KINDS))
         width, height = self.size_px
         even = width % 2 == 0 and height % 2 == 0
         check(even and 32 <= width <= 8192 and 32 <= height <= 8192, "size_px", self.size_px, "even, 32 to 8192")
@@ -142,7 +149,7 @@ class MarkerShot:
         image: (height, width, 3) uint8 BGR.
         centres_px: (markers, 2) x, y of the markers' centres, at the middle of the exposure of their row [px].
         visible: (markers,) fraction of the marker's area that is in the image and not occluded.
-        radii_px: (markers,) geometric mean of the half axes of the markers' ellipses [px].
+        radii_px: (markers,) radius of a disc of the marker's area [px].
 
     In a scene without the hand, ``centres_px`` and ``radii_px`` are NaN and ``visible`` is 0.
     """
@@ -176,6 +183,37 @@ class MarkerScene:
 
     def at(self, at_s: float) -> MarkerShot:
         """Render the image whose first row's exposure is centred at ``at_s``, on the scene's clock [s]."""
+        return self._shot(at_s, self._photograph(at_s), [self.seed, 2, round(1e6 * at_s)])
+
+    def repeats(self, at_s: float, count: int) -> Iterator[MarkerShot]:
+        """Yield ``count`` images of one instant ``at_s`` [s] that differ only in the camera's noise."""
+        seen = self._photograph(at_s)
+        for k in range(count):
+            yield self._shot(at_s, seen, [self.seed, 3, round(1e6 * at_s), k])
+
+    def labels(self, at_s: float) -> Int8:
+        """Return what is at each pixel in an instant of the scene [s], without blur: an array (height, width).
+
+        A pixel of marker k has the value k; others are `ON_WALL`, `ON_SKIN` or `ON_OTHER`, or `MIXED` at an edge.
+        """
+        width, height = self.settings.size_px
+        shapes = self.shapes(at_s)
+        marker = shapes[:, MARKER]
+        skin = (shapes[:, 7:10] == self.settings.skin).all(axis=1) & (marker < 0)
+        code = np.where(marker >= 0, marker + 3, np.where(skin, 1, 2))
+        shapes[:, 7:11] = np.stack([code, code**2, 0 * code, 0 * code], axis=1)
+        seen = np.empty((height, width, 3), np.float32)
+        _kernels().photograph(
+            np.zeros_like(seen), shapes, np.zeros_like(shapes), np.zeros(1), 0.0, np.ones(3), np.array([0.0, 0.0, 1.0]),
+            0.0, seen, np.zeros(len(self.settings.paints)),
+        )  # fmt: skip
+        value = np.rint(seen[..., 0]).astype(np.int8)
+        pure = (seen[..., 0] == value) & (seen[..., 1] == value.astype(np.float32) ** 2)  # else the mean of squares
+        of_code = np.array([ON_WALL, ON_SKIN, ON_OTHER, *range(len(self.settings.paints))], np.int8)
+        return np.where(pure, of_code[value], np.int8(MIXED))
+
+    def _photograph(self, at_s: float) -> tuple[Float32, Float64, Float64, Float64]:
+        """Return the linear light (height, width, 3), and a shot's centres, visible shares and radii."""
         s = self.settings
         width, height = s.size_px
         shapes = self.shapes(at_s)
@@ -189,15 +227,20 @@ class MarkerScene:
         )  # fmt: skip
         painted = shapes[:, MARKER] >= 0
         order = np.argsort(shapes[painted, MARKER])
-        ellipses, moving = shapes[painted][order], rates[painted][order]
+        markers, moving = shapes[painted][order], rates[painted][order]
         centres = np.full((len(s.paints), 2), np.nan)
         radii = np.full(len(s.paints), np.nan)
-        if len(ellipses):
-            late_s = s.readout_s / height * ellipses[:, 1] / (1 - s.readout_s / height * moving[:, 1])
-            centres = ellipses[:, :2] + late_s[:, None] * moving[:, :2]
-            radii = np.sqrt(ellipses[:, 2] * ellipses[:, 3])
-        image = camera_image(linear, s.camera, np.random.default_rng([self.seed, 2, round(1e6 * at_s)]))
-        return MarkerShot(at_s, image, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii)
+        if len(markers):
+            late_s = s.readout_s / height * markers[:, 1] / (1 - s.readout_s / height * moving[:, 1])
+            centres = markers[:, :2] + late_s[:, None] * moving[:, :2]
+            radii = np.sqrt(markers[:, 2] * markers[:, 3])
+            radii[markers[:, 6] == TUBE] *= math.sqrt(4 / math.pi)
+        return linear, centres, seen / np.maximum(math.pi * np.nan_to_num(radii) ** 2, 1e-9), radii
+
+    def _shot(self, at_s: float, seen: tuple[Float32, Float64, Float64, Float64], noise: list[int]) -> MarkerShot:
+        """Take the camera's image of what `_photograph` returned; ``noise`` is the seed of its noise."""
+        image = camera_image(seen[0], self.settings.camera, np.random.default_rng(noise))
+        return MarkerShot(at_s, image, *seen[1:])
 
     def light(self, at_s: float) -> tuple[float, Float64, Float64]:
         """Return the light at a time of the scene [s]: its strength, colour (3,) as red, green, blue, and direction.
@@ -239,20 +282,28 @@ class MarkerScene:
         def capsule(a: tuple[float, float], b: tuple[float, float], ra: float, rb: float) -> list[float]:
             return [*place(*a), *place(*b), palm * ra, palm * rb, CAPSULE, *s.skin, s.skin_gloss, 12.0, -1.0]
 
-        def ellipse(
-            at: tuple[float, float], half: tuple[float, float], angle: float, paint: Paint, k: int
+        def patch(
+            at: tuple[float, float], half: tuple[float, float], angle: float, look: tuple[float, ...], form: float
         ) -> list[float]:
-            size = (palm * half[0], palm * half[1], angle + turn, 0.0)
-            return [*place(*at), *size, ELLIPSE, *paint.albedo, paint.gloss, 30.0, float(k)]
+            return [*place(*at), palm * half[0], palm * half[1], angle + turn, 0.0, form, *look]
 
+        kind = MARKER_KINDS[s.kind]
         shapes = [capsule((0.0, 2.5), (0.0, 0.0), 0.36, 0.29), capsule((0.0, -0.25), (0.0, -0.62), 0.42, 0.47)]
         for k, (x, y, degrees, length, base, tip) in enumerate(_FINGERS):
             angle = math.radians(degrees + 6 * swing(9 + k, 1.7 * s.sway_hz))
             long = length * (1 - s.curl * (0.5 + 0.5 * swing(14 + k, 1.4 * s.sway_hz)))
             end = (x + long * math.sin(angle), y - long * math.cos(angle))
             shapes.append(capsule((x, y), end, base, tip))
-            shapes.append(ellipse(end, (1.02 * tip, 1.3 * tip), angle, s.paints[k], k))
-        shapes.append(ellipse(_BASE, (0.13, 0.13), 0.0, s.paints[5], 5))
+            at = (end[0] - kind.back * tip * math.sin(angle), end[1] + kind.back * tip * math.cos(angle))
+            if kind.border:
+                half = (kind.border[0] * tip, kind.border[1] * tip)
+                shapes.append(patch(at, half, angle, (*GREY, 0.0, 30.0, -1.0), ELLIPSE))
+            paint = s.paints[k]
+            look = (*paint.albedo, paint.gloss if kind.gloss is None else kind.gloss, kind.shine, float(k))
+            half = (kind.half[0] * tip, kind.half[1] * tip)
+            shapes.append(patch(at, half, angle, look, TUBE if kind.tube else ELLIPSE))
+        paint = s.paints[5]
+        shapes.append(patch(_BASE, (0.13, 0.13), 0.0, (*paint.albedo, paint.gloss, 30.0, 5.0), ELLIPSE))
         if s.hides:  # a grey stick, from above
             x = 0.5 * width + 0.45 * width * swing(20, 0.7 * s.sway_hz)
             stick = [x, -60.0, x + 40.0, 0.75 * height, 22.0, 18.0, CAPSULE, 0.2, 0.2, 0.21, 0.3, 20.0, -1.0]

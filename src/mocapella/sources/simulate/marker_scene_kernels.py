@@ -1,7 +1,8 @@
 """Compiled kernels of `mocapella.sources.simulate.marker_scene`; importing this module imports numba.
 
 A shape is a row of 13 numbers. The first seven are x0, y0, x1, y1, r0, r1, 0 of a tapered capsule, or x, y, half axes
-a, b, angle of a from x, 0, 1 of an ellipse [px]. Then follow the reflectance of red, green and blue, gloss, exponent of
+a, b, angle of a from x, 0, 1 of an ellipse [px], or the same with 2 at the end of a tube: a rectangle that is round
+across, along a. Then follow the reflectance of red, green and blue, gloss, exponent of
 the highlight, and the index of the marker or -1.
 """
 
@@ -25,7 +26,7 @@ def surface(p: Float64, x: float, y: float, out: Float64) -> None:
 
     Args:
         p: (13,) the shape: x0, y0, x1, y1, r0, r1, 0 of a tapered capsule, or x, y, half axes a, b, angle of a from x
-            [rad], 0, 1 of an ellipse [px]; the other six, its look, are not used.
+            [rad], 0, and 1 of an ellipse or 2 of a tube [px]; the other six, its look, are not used.
         x, y: centre of the pixel [px].
         out: (4,) written: coverage from 0 to 1; x, y, z of the unit normal, z towards the camera.
     """
@@ -33,10 +34,14 @@ def surface(p: Float64, x: float, y: float, out: Float64) -> None:
         c, s = math.cos(p[4]), math.sin(p[4])
         u, v = c * (x - p[0]) + s * (y - p[1]), -s * (x - p[0]) + c * (y - p[1])
         a, b = p[2], p[3]
-        q = math.sqrt((u / a) ** 2 + (v / b) ** 2)
-        slope = math.sqrt((u / (a * a)) ** 2 + (v / (b * b)) ** 2) / max(q, 1e-9)  # of q, per pixel
-        outside = (q - 1.0) / slope if q > 1e-3 else -min(a, b)
-        nu, nv = 0.8 * u / a, 0.8 * v / b
+        if p[6] > 1.5:
+            outside = max(abs(u) - a, abs(v) - b)
+            nu, nv = 0.9 * u / a, 0.0
+        else:
+            q = math.sqrt((u / a) ** 2 + (v / b) ** 2)
+            slope = math.sqrt((u / (a * a)) ** 2 + (v / (b * b)) ** 2) / max(q, 1e-9)  # of q, per pixel
+            outside = (q - 1.0) / slope if q > 1e-3 else -min(a, b)
+            nu, nv = 0.8 * u / a, 0.8 * v / b
         nx, ny = c * nu - s * nv, s * nu + c * nv
     else:
         dx, dy = p[2] - p[0], p[3] - p[1]
@@ -97,7 +102,7 @@ def photograph(
                 for k in range(13):
                     p[k] = shapes[i, k] + (t + row_s * y) * rates[i, k]
                 if p[6] > 0.5:
-                    reach = max(p[2], p[3]) + 1.0
+                    reach = 1.0 + (max(p[2], p[3]) if p[6] < 1.5 else math.hypot(p[2], p[3]))
                     top, low, x0, x1 = p[1] - reach, p[1] + reach, p[0] - reach, p[0] + reach
                 else:
                     reach = max(p[4], p[5]) + 1.0
