@@ -29,6 +29,7 @@ from mocapella.evaluation.silhouettes import (
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 NOISE: Final = 0.15
 """Fraction of the pixels that are replaced by random ones, as in the paper."""
@@ -139,6 +140,8 @@ def run(
     seconds: float | None = None,
     bodies: Sequence[str] = tuple(BODIES),
     tell: Callable[[str], None] = lambda _: None,
+    *,
+    settings: SilhouetteSettings | None = None,
 ) -> tuple[list[RunRow], list[PlottedScene]]:
     """Run one of `EXPERIMENTS`.
 
@@ -148,6 +151,7 @@ def run(
         seconds: duration of each scene [s]; None for the whole scene.
         bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
+        settings: settings of the tracker, whose penalty the weights multiply; None for the defaults.
 
     Returns:
         A row for each run; and for each scene the runs of the first seed, with the first body and the last of the
@@ -170,7 +174,7 @@ def run(
                 for body in bodies:
                     for weight in plan.weights:
                         tell(f"following {scene}, seed {seed}: {images}, {body} body, penalty × {weight:g} …")
-                        row, movement = followed(film, body, images, worse, weight)
+                        row, movement = followed(film, body, images, worse, weight, settings=settings)
                         rows.append(row)
                         found.setdefault(weight, movement)
             if seed == seeds[0]:
@@ -196,8 +200,9 @@ def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
 
 
 def followed(
-    film: Film, body: str, images: str, corruption: Corruption | None, weight: float
-) -> tuple[RunRow, Movement]:
+    film: Film, body: str, images: str, corruption: Corruption | None, weight: float,
+    *, settings: SilhouetteSettings | None = None,
+) -> tuple[RunRow, Movement]:  # fmt: skip
     """Track a rendered scene; return the result and the tracked movement.
 
     Args:
@@ -206,10 +211,11 @@ def followed(
         images: name of the corruption, for the row.
         corruption: corruption of the images; None for none.
         weight: factor of the penalty on jitter; 0 for none.
+        settings: settings of the tracker, whose penalty is multiplied; None for the defaults.
     """
     joints = rough_joints(film.scene)
     mesh = BODIES[body](film.scene, joints)
-    done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)
+    done = follow(film, mesh, joints, with_penalty(weight, settings), corruption=corruption)
     found, true = done.movement, film.truth
     ours, theirs = (
         np.mean([x.flexion_deg(f"{side} knee") for side in ("left", "right")], axis=0) for x in (found, true)

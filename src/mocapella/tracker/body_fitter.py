@@ -217,7 +217,8 @@ class BodyFitter:
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
-        left_out = self._dead.update(images)
+        rejects = s.rejection != "none"
+        left_out = self._dead.update(images) if rejects else {}
         images = {name: without_speckles(image) for name, image in images.items()}
         for camera in self._cameras.values():
             camera.forget_frame()
@@ -227,7 +228,7 @@ class BodyFitter:
             for name, camera in self._cameras.items()
             if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
         }
-        left_out |= shows_another_scene(there, images, left_out, s, time_ns)
+        left_out |= shows_another_scene(there, images, left_out, s, time_ns) if rejects else {}
         usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
@@ -239,7 +240,8 @@ class BodyFitter:
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
-            for name, reason in hides_the_body(self._segmented(), left_out, s, time_ns).items():
+            hidden = hides_the_body(self._segmented(), left_out, s, time_ns) if rejects else {}
+            for name, reason in hidden.items():
                 left_out[name] = reason
                 there[name].forget_frame()
                 del usable[name]
