@@ -57,6 +57,7 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-acrobatics"],
     ["lab", "evaluate", "silhouettes-weight"],
     ["lab", "evaluate", "silhouettes-one-camera"],
+    ["lab", "evaluate", "silhouettes-wrong-frame"],
     ["calibrate", "cameras"],
     ["calibrate", "colours", "learn"],
     ["calibrate", "colours", "check"],

@@ -87,6 +87,7 @@ def import_commands() -> None:
         evaluate,
         evaluate_hand_solvers,
         evaluate_silhouettes,
+        evaluate_wrong_frame,
         hand,
         record,
         replay,
