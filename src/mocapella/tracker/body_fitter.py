@@ -260,7 +260,7 @@ class BodyFitter:
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
-                seen[name] = camera.seen()
+                seen[name] = msgspec.structs.replace(camera.seen(), stands_out=camera.stands_out())
                 evidence.append(camera.support())
                 camera.learn(images[name], others.get(name))
         if seen:
@@ -350,6 +350,20 @@ class BodyFitter:
                 phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
                 out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
         return out
+
+    def foreground(self, name: str, image: UInt8, others: Bool | None = None) -> Silhouette | None:
+        """Segment the largest object that differs from a camera's background as learnt during tracking; after `start`.
+
+        Args:
+            name: name of the camera.
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, who are left out; None for none.
+
+        Returns:
+            The object, see `SilhouetteCamera.foreground`; None if there is none, or nothing is known.
+        """
+        camera = self._cameras.get(name)
+        return None if camera is None else camera.foreground(without_speckles(image), others)
 
     def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
         """Return the prior of usual angles, and the priors of smooth motion."""
