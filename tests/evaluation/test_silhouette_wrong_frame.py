@@ -27,6 +27,8 @@ from mocapella.evaluation.silhouette_wrong_frame import (
     legs_box,
     with_wrong_frame,
 )
+from mocapella.evaluation.silhouettes import Movement
+from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate.corruption import WRONG
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
@@ -81,6 +83,21 @@ def test_frames_are_disturbed_that_are_worse_than_without_the_wrong_frame() -> N
     assert row.at_deg == pytest.approx(2.0 + 1.01 * MORE_DEG)
     assert row.before_deg == pytest.approx(7.0)
     assert experiment._row(7, CASES[0], "black", 1.0, (usual, usual), left_out=False).disturbed == 0
+
+
+def test_the_plotted_angle_is_the_one_that_the_wrong_frame_changes_most(
+    film: Film, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(experiment, "FRAME", 1)
+    angles = film.truth.poses.angles.copy()
+    angles[1, 7] += 0.3
+    angles[1, 5] += 0.2
+    angles[2, 3] += 1.0  # in another frame
+    found = Movement(film.truth.mesh, TreePose(film.truth.poses.T_world_model, angles), film.truth.fps)
+    joint = experiment.most_disturbed(found, film.truth)
+    assert joint == film.truth.mesh.joint_names[7]
+    off = experiment.angle_deg(found, joint) - experiment.angle_deg(film.truth, joint)
+    np.testing.assert_allclose(off, [0, np.degrees(0.3), 0], atol=1e-9)
 
 
 def test_what_cannot_be_wrong_is_refused(film: Film) -> None:

@@ -42,7 +42,6 @@ MORE_DEG: Final = 1.0
 GROWN: Final = 0.05
 """Margin of the legs' part of an image, as a fraction of the image's longer side."""
 WEIGHTS: Final = (0.0, 1.0)
-KNEE: Final = "left knee"
 _LEGS: Final = ("thigh", "shank", "foot")
 
 
@@ -209,34 +208,46 @@ def errors_deg(found: Movement, true: Movement) -> Float64:
 
 
 def plot_wrong_frame(shown: WrongFrameShown, path: Path) -> None:
-    """Plot a knee's angle over time: the truth, without the penalty and with it; a row for each kind of wrong frame.
+    """Plot a joint angle over time: the truth, without the penalty and with it; a row for each kind of wrong frame.
+
+    Each curve is of the angle that the wrong frame changes most without the penalty (`most_disturbed`).
 
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = wide_figure(path, (12, 0.4 + 1.9 * len(shown.pictures)))
-    axes = figure.subplots(
-        len(shown.pictures), 1 + len(CASES), width_ratios=(0.9, *(1.3 for _ in CASES)), squeeze=False
-    )
+    figure = wide_figure(path, (12, 0.5 + 2.0 * len(shown.pictures)))
+    widths = (0.9, *(1.3 for _ in CASES))
+    axes = figure.subplots(len(shown.pictures), len(widths), width_ratios=widths, squeeze=False)
     at = np.arange(len(shown.truth)) / shown.truth.fps
     for (picture, *curves), (kind, image) in zip(axes, shown.pictures.items(), strict=True):
         picture.imshow(image[..., ::-1])
         picture.set(xticks=(), yticks=(), ylabel=kind)
         for one, case in zip(curves, CASES, strict=True):
+            joint = most_disturbed(shown.found[case, kind, 0.0], shown.truth)
             one.axvline(FRAME / shown.truth.fps, color="0.5", lw=0.8, ls=":")
             for weight, colour, label in ((0.0, "C1", "without the penalty"), (1.0, "C0", "with the penalty")):
-                one.plot(at, shown.found[case, kind, weight].flexion_deg(KNEE), colour, lw=1.5, label=label)
-            one.plot(at, shown.truth.flexion_deg(KNEE), "k", lw=0.8, label="truth")
-            one.set(xlim=(at[0], at[-1]), ylim=(-5, 155), yticks=(0, 50, 100, 150))
+                one.plot(at, angle_deg(shown.found[case, kind, weight], joint), colour, lw=1.5, label=label)
+            one.plot(at, angle_deg(shown.truth, joint), "k", lw=0.8, label="truth")
+            one.set_xlim(at[FRAME // 2], at[-1])
+            one.set_title(f"{joint} [°]", fontsize=8, loc="left")
     for one, case in zip(axes[0, 1:], CASES, strict=True):
-        one.set_title(case.words, fontsize=9)
-    axes[0, 0].set_title("the wrong frame, first camera", fontsize=9)
-    for one in axes[:, 1]:
-        one.set_ylabel(f"{KNEE} [°]", fontsize=8)
+        one.set_title(f"{case.words}\n{one.get_title('left')}", fontsize=8, loc="left")
+    axes[0, 0].set_title("the wrong frame, first camera", fontsize=8)
     for one in axes[-1, 1:]:
         one.set_xlabel("time [s]; dotted: the wrong frame", fontsize=8)
-    axes[0, 1].legend(fontsize=7, loc="upper left")
+    figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=8)
     save_figure(figure, path)
+
+
+def angle_deg(movement: Movement, joint: str) -> Float64:
+    """Return a joint angle (frames,) by its name in the mesh [deg]."""
+    return np.degrees(movement.poses.angles[:, movement.mesh.joint_names.index(joint)])
+
+
+def most_disturbed(found: Movement, true: Movement) -> str:
+    """Return the joint angle, of those that both bodies have, with the largest error in the frame of index `FRAME`."""
+    common = [name for name in found.mesh.joint_names if name in true.mesh.joint_names]
+    return max(common, key=lambda name: abs(angle_deg(found, name)[FRAME] - angle_deg(true, name)[FRAME]))
 
 
 def _mesh(scene: SilhouetteScene, body: str) -> RiggedMesh:
