@@ -50,6 +50,10 @@ POSTURES: Final = 8
 """Number of earlier postures that are remembered, of each body."""
 APART_RAD: Final = 0.6
 """Least difference of two remembered postures, of the joint that differs most or of the inclination [rad]."""
+DOUBTED: Final = 0.7
+"""Least mean, over the cameras that know the room there, of the share of a body that differs from it."""
+DOUBTED_S: Final = 0.1
+"""A body is searched elsewhere each time it has been doubted for so long [s]."""
 WITNESSES: Final = 2
 """Number of cameras, or all if fewer, that must see a lost body to re-acquire it: one alone accepts any object."""
 
@@ -74,6 +78,7 @@ class BodyPresence(msgspec.Struct, eq=False):
             tell; otherwise the body cannot be re-acquired.
         postures: earlier poses that were seen as well as waiting poses, with postures unlike each other, the oldest
             first; at most `POSTURES`.
+        sure_ns: capture time of the last frame in which the body was not doubted, or was searched.
         found: how the last search found the body, in words; empty if it did not.
     """
 
@@ -86,6 +91,7 @@ class BodyPresence(msgspec.Struct, eq=False):
     came: bool = True
     placed: bool = True
     postures: tuple[TreePose, ...] = ()
+    sure_ns: int = 0
     found: str = ""
 
     def away(self, time_ns: int) -> bool:
@@ -186,6 +192,8 @@ class SilhouettePresence:
                 seen[name] = SeenBody(held, True, self._covers(name, body.pose))
             else:
                 seen[name] = SeenBody(fit, False)
+                if self._doubted(name, fit) and self._look_again(number, name, fit, images, doubted=True):
+                    notes.append(f"frame {number}: {called(name)} did not stand out from the room: {body.found}")
             if away and not body.lost:
                 notes.append(
                     f"frame {number}: {called(name)} is in no camera's image any more; the last place is watched"
@@ -214,7 +222,8 @@ class SilhouettePresence:
             else:
                 good += not share < STANDS_OUT and self._sees(one, others.get(camera))
         whole = self._whole_in(fit.landmarks, fit.seen)
-        if good >= self._witnesses and not body.lost and whole >= self._witnesses and self._clear(name, fit, images):
+        clear = not self._room_shows(fit) and self._clear(name, fit, images)
+        if good >= self._witnesses and not body.lost and whole >= self._witnesses and clear:
             body.pose, body.landmarks, body.whole_in = fit.pose, fit.landmarks, whole
             body.postures = remembered(body.postures, fit.pose)
         again = good >= self._witnesses and whole >= min(self._witnesses, body.whole_in) and body.placed
@@ -233,8 +242,28 @@ class SilhouettePresence:
         ]
         self.empty.learn({camera: images[camera] for camera in without}, covered_by_all(found, self._rig))
 
-    def _look_again(self, number: int, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
+    def _room_shows(self, fit: FittedBody) -> bool:
+        """Whether enough cameras know the room where the body is, and too little of the body differs from it."""
+        shares = [one.stands_out for one in fit.seen.values() if not np.isnan(one.stands_out)]
+        return len(shares) >= self._witnesses and float(np.mean(shares)) < DOUBTED
+
+    def _doubted(self, name: str, fit: FittedBody) -> bool:
+        """Whether a body that is present should be searched elsewhere in this frame."""
+        body = self._bodies[name]
+        if not self._room_shows(fit):
+            body.sure_ns = fit.time_ns
+        doubted = bool(fit.seen) and fit.time_ns - body.sure_ns >= DOUBTED_S * NS_PER_S
+        if doubted:
+            body.sure_ns = fit.time_ns
+        return doubted
+
+    def _look_again(
+        self, number: int, name: str, fit: FittedBody, images: Mapping[str, UInt8], *, doubted: bool = False
+    ) -> bool:
         """Restart the fitter where the images differ from the empty room, or else at the waiting pose.
+
+        A body that is only doubted is restarted if it covers the foreground much better elsewhere. Returns whether it
+        was found.
 
         One earlier posture is tried in each frame, in turns. An image that was left out counts where the empty room is
         unknown: a person who moved on differs from what was learnt as another scene does.
@@ -249,12 +278,17 @@ class SilhouettePresence:
         tried = {LAST: body.pose, FIRST: body.initial}
         if body.postures:
             tried[EARLIER] = body.postures[number % len(body.postures)]
-        there = reacquire(seen, fitter.body, list(tried.values()), fitter.eyes)
+        there = reacquire(seen, fitter.body, list(tried.values()), fitter.eyes, fit.pose if doubted else None)
         found = (words for words, pose in tried.items() if there is not None and pose.angles is there.angles)
         body.found = next(found, "")
+        if doubted:
+            if there is not None:
+                fitter.start(there, fit.time_ns)
+            return there is not None
         known = [camera for camera in self._rig.cameras if self.empty.knows(camera)]
         body.placed = there is not None or len(known) < self._witnesses
         fitter.start(there or body.pose, fit.time_ns)
+        return there is not None
 
     def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
         """Return in how many of these cameras' images all landmarks (n, 3) are."""

@@ -38,11 +38,14 @@ STEPS: Final = ((0.2, 0.3), (0.1, 0.15), (0.05, 0.08))
 """Step sizes of the search for the position [m], and for the rotation about the body's own axis [rad]."""
 BETTER_TURNED: Final = 0.02
 """Gain in overlap that a rotation needs, because front and back views of bodies hardly differ."""
+BETTER_PLACED: Final = 0.1
+"""Gain in overlap that another pose needs over that of a body that is doubted."""
 
 
 def reacquire(
-    seen: Mapping[str, Silhouette], body: SilhouetteBody, before: Sequence[TreePose], eyes: Mapping[str, Eye]
-) -> TreePose | None:
+    seen: Mapping[str, Silhouette], body: SilhouetteBody, before: Sequence[TreePose], eyes: Mapping[str, Eye],
+    doubted: TreePose | None = None,
+) -> TreePose | None:  # fmt: skip
     """Return one of the poses ``before``, moved and rotated to the foreground, to restart tracking there.
 
     None is returned if no two cameras see one object, or if every posture's overlap with it is below `COVERED`. The
@@ -54,6 +57,8 @@ def reacquire(
         before: poses whose postures are tried in this order until one is good enough; not changed. The body is rotated
             only about its own long axis, so that its inclination stays that of the pose.
         eyes: the cameras of ``seen``, by name.
+        doubted: pose of a body that is not lost, but may be wrong; only a pose whose overlap is larger than this one's
+            by `BETTER_PLACED` is returned. None for a lost body.
     """
     masks = {name: _coarse(one, eyes[name].size_px) for name, one in seen.items()}
     masks = {name: mask for name, mask in masks.items() if np.count_nonzero(mask) >= FEWEST}
@@ -62,13 +67,14 @@ def reacquire(
         return None
     point, names = met
     shown = [(eyes[name], masks[name]) for name in names]
+    least = COVERED if doubted is None else max(COVERED, _covers(body, doubted, shown) + BETTER_PLACED)
     for one in before:
         pose, most = _nearer(body, _moved(one, point - body.standing(one).vertices.mean(axis=0)), shown)
         turned = [_turned(pose, by) for by in TURNS_RAD]
         values = [_covers(body, other, shown) for other in turned]
         if max(values) > most + BETTER_TURNED:
             pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
-        if most >= COVERED:
+        if most >= least:
             return pose
     return None
 
