@@ -58,6 +58,7 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-weight"],
     ["lab", "evaluate", "silhouettes-one-camera"],
     ["lab", "evaluate", "silhouettes-wrong-frame"],
+    ["lab", "evaluate", "silhouettes-jitter-limit"],
     ["calibrate", "cameras"],
     ["calibrate", "colours", "learn"],
     ["calibrate", "colours", "check"],

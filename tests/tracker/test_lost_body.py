@@ -10,17 +10,27 @@ from support import silhouette_pictures as pictures
 from support.silhouette_room import FRAME_NS, Room, bent
 
 from mocapella.geometry.rigid import rigid, rotation_about_x
-from mocapella.kinematics.silhouette_fit import eye
+from mocapella.kinematics.silhouette_fit import eye, see
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import FittedBody
-from mocapella.tracker.body_presence import APART_RAD, EARLIER, LAST, POSTURES, SilhouettePresence, remembered
+from mocapella.tracker.body_presence import (
+    APART_RAD,
+    DOUBTED,
+    EARLIER,
+    LAST,
+    POSTURES,
+    SilhouettePresence,
+    remembered,
+)
+from mocapella.tracker.body_reacquisition import reacquire
 from mocapella.tracker.frame_sync import FrameSyncSettings
 from mocapella.tracker.image_arrivals import arrivals_of
 from mocapella.tracker.initial_body import InitialBody
-from mocapella.tracker.silhouette_camera import SilhouetteCamera
+from mocapella.tracker.silhouette_body import SilhouetteBody
+from mocapella.tracker.silhouette_camera import SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 from mocapella.tracker.silhouettes import SilhouettesTracker
 
@@ -165,3 +175,54 @@ def test_a_region_stands_out_that_is_not_the_room() -> None:
     unknown._found, unknown._image = camera._found, images["c1"]
     assert np.isnan(unknown.stands_out())
     assert isinstance(prior, Silhouette)
+
+
+def present(stands_out: float, fitted: TreePose, until_ms: int = 300) -> tuple[list[str], TreePose]:
+    """Notes about a body that is fitted in all cameras while the person is `HERE`, and where it is expected next."""
+    room, fitters = pictures.Room(RIG), BodiesFitter({"": MESH}, RIG)
+    fitters.start("", fitted, 0)
+    fitters.others[""] = {}
+    presence = SilhouettePresence(fitters, RIG)
+    presence.empty.learn(room.images())
+    presence.start("", HERE, 0)
+    person, body, notes = room.images(MESH, HERE), fitters.fitters[""].body, list[str]()
+    seen = {}
+    for name, placed in RIG.cameras.items():
+        outline = see(body.figure, body.standing(fitted).vertices, eye(placed), step_px=1, margin_px=2)
+        assert outline is not None
+        seen[name] = SeenIn(outline.silhouette, outline, 1.0, stands_out)
+    for at_ms in range(100, until_ms + 1, 100):
+        fit = FittedBody(at_ms * 1_000_000, fitted, landmarks_at(MESH, fitted), seen, {})
+        notes += presence.update(at_ms // 100, {"": fit}, person)[1]
+    return notes, fitters.fitters[""].expected(10**9)
+
+
+def off_m(pose: TreePose) -> float:
+    return float(np.linalg.norm(landmarks_at(MESH, pose) - landmarks_at(MESH, HERE), axis=1).mean())
+
+
+def test_a_body_that_looks_like_the_room_is_searched_and_one_that_stands_out_is_not() -> None:
+    beside = pictures.pose_at(MESH, 0.3)
+    notes, pose = present(0.9 * DOUBTED, beside)
+    assert any(f"did not stand out from the room: {LAST}" in note for note in notes)
+    assert off_m(pose) < 0.1
+    for stands_out in (1.1 * DOUBTED, float("nan")):
+        notes, pose = present(stands_out, beside)
+        assert not notes
+        assert off_m(pose) == pytest.approx(0.3)
+
+
+def test_a_body_that_looks_like_the_room_stays_where_it_covers_the_person() -> None:
+    """Somebody in the colours of the room."""
+    notes, pose = present(0.0, HERE)
+    assert not notes
+    assert off_m(pose) == 0.0
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.01, 0.6])
+def test_a_doubted_body_moves_only_to_where_it_covers_much_more(aside_m: float) -> None:
+    seen, body = pictures.silhouettes_of(MESH, RIG, HERE), SilhouetteBody(MESH)
+    eyes = {name: eye(placed) for name, placed in RIG.cameras.items()}
+    found = reacquire(seen, body, [HERE], eyes, pictures.pose_at(MESH, aside_m))
+    assert (found is not None) == (aside_m > 0.5)
+    assert reacquire(seen, body, [HERE], eyes) is not None

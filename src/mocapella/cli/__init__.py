@@ -86,6 +86,7 @@ def import_commands() -> None:
         doctor,
         evaluate,
         evaluate_hand_solvers,
+        evaluate_jitter,
         evaluate_silhouettes,
         evaluate_wrong_frame,
         hand,
