@@ -50,21 +50,21 @@ def wrong_frame(
 def show_wrong_frame(rows: Sequence[Any], rejection: str, out: Console) -> None:
     """Print the rows of `mocapella.evaluation.silhouette_wrong_frame.run_wrong_frame` as one table."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for heading in ("", "penalty", "before\n°", "at it\n°", "worst\n°", "\nframes", "end\n°", "left\nout"):
+    for heading in ("", "before\n°", "at it\n°", "worst\n°", "\nframes", "end\n°", "left\nout"):
         table.add_column(heading, justify="right" if "\n" in heading else "left", no_wrap=True)
     before: tuple[Any, ...] = ()
     for row in rows:
         now = (row.body, row.where, row.seed)
         if now != before:
-            where = "whole frame" if row.where == "everywhere" else "legs' part of the frame"
-            table.add_row(f"[bold]{row.body}, {where} wrong, seed {row.seed}[/bold]")
+            where = "whole frame" if row.where == "everywhere" else "legs' part"
+            table.add_row(f"[bold]{row.body}, {where} wrong, {row.seed}[/bold]")
         before = now
         table.add_row(
-            f"  {row.wrong}", f"× {row.weight:g}" if row.weight else "none", f"{row.before_deg:.1f}",
+            f"  {row.wrong}, penalty {f'× {row.weight:g}' if row.weight else 'none'}", f"{row.before_deg:.1f}",
             f"{row.at_deg:.1f}", f"{row.most_deg:.1f}", str(row.disturbed), f"{row.late_deg:.1f}",
             "yes" if row.left_out else "",
         )  # fmt: skip
     out.print(table)
     out.print(f"image rejection: {rejection}. Mean joint error before the wrong frame, at it, the", highlight=False)
     out.print("largest from there on, and at the end; frames: more than 1° worse than without", highlight=False)
-    out.print("the wrong frame; left out: the rejection found it in every camera", highlight=False)
+    out.print("the wrong frame; left out: image rejection found it in every camera", highlight=False)

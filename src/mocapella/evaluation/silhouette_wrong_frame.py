@@ -129,7 +129,8 @@ def run_wrong_frame(
         kinds: what the wrong frame shows, each in runs of its own.
 
     Returns:
-        A row for each run with a wrong frame; and the runs of the first seed, for `plot_wrong_frame`.
+        A row for each run with a wrong frame, by seed, case, kind and weight; and the runs of the first seed, for
+        `plot_wrong_frame`.
 
     Raises:
         SettingsError: no seed, or an unknown kind.
@@ -160,6 +161,8 @@ def run_wrong_frame(
             pictures = {kind: next(iter(with_wrong_frame(film, FRAME, kind).images[FRAME].values())) for kind in kinds}
             shown = WrongFrameShown(film.truth, pictures, found)
     assert shown is not None  # there are seeds
+    order = {(case.body, case.where): k for k, case in enumerate(CASES)}
+    rows.sort(key=lambda row: (seeds.index(row.seed), order[row.body, row.where], kinds.index(row.wrong), row.weight))
     return rows, shown
 
 
