@@ -56,6 +56,7 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-runner"],
     ["lab", "evaluate", "silhouettes-acrobatics"],
     ["lab", "evaluate", "silhouettes-weight"],
+    ["lab", "evaluate", "silhouettes-loss"],
     ["lab", "evaluate", "silhouettes-one-camera"],
     ["lab", "evaluate", "silhouettes-wrong-frame"],
     ["lab", "evaluate", "silhouettes-jitter-limit"],

@@ -54,6 +54,10 @@ _COMMANDS: Final = {
         "own,measured",
         "Track a cartwheel and a flick-flack with some completely wrong frames.",
     ),
+    "loss": (
+        "own",
+        "Cover all cameras for 0.8 s during a knee bend and a cartwheel, and see whether the body is found again.",
+    ),
     "weight": (
         "own",
         "Follow clean and noisy images with one and the same weight of the penalty on jitter, for many weights.",
@@ -135,7 +139,16 @@ def _experiment(
 
 
 _ACCURACY = ("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "IoU\n%")
-_STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes", "blind\nframes")
+_STEADINESS = (
+    "jitter\nm/s²",
+    "feet\nm/s²",
+    "true\nm/s²",
+    "knees\nkept %",
+    "late\nframes",
+    "blind\nframes",
+    "lost\nframes",
+    "end\n°",
+)
 _OFF = ("depth\nmm", "95 %", "across\nmm", "95 %", "jitter\ndepth", "\nacross", "away\n%", "IoU\n%")
 _FREE = ("four\ncameras", "one\ncamera", "all")
 
@@ -145,7 +158,8 @@ def show_runs(rows: Any, out: Console) -> None:
     for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
-    out.print("toes as such, beside the true one; blind: frames in which no camera counted", highlight=False)
+    out.print("toes as such, beside the true one; blind: frames in which no camera counted;", highlight=False)
+    out.print("end: joint error of the last ten frames", highlight=False)
     _problems(rows, out)
 
 
@@ -194,7 +208,7 @@ def _accuracy(row: Any) -> tuple[float | None, ...]:
 
 def _steadiness(row: Any) -> tuple[float | None, ...]:
     s, kept = row.score, None if row.kept is None else 100 * row.kept
-    return s.jitter, s.feet, s.true_feet, kept, row.lag, row.blind
+    return s.jitter, s.feet, s.true_feet, kept, row.lag, row.blind, row.lost, row.outcome.late_deg
 
 
 def _penalty(weight: float) -> str:

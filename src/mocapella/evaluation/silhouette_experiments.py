@@ -39,6 +39,8 @@ WRONG_FROM: Final = 3
 """Index of the first frame that may be replaced by a wrong image."""
 WRONG_FRAME: Final = 60
 """Index of the frame of the knee bend that is replaced by a wrong image in all cameras."""
+COVERED_FRAMES: Final = range(60, 108)
+"""Indices of the frames in which all cameras are covered, 0.8 s: longer than a body is extrapolated."""
 MOVES_DEG: Final = 1.0
 """The lag is not measured for knees that bend less than this [deg]."""
 LEAST_M_PER_S2: Final = 0.1
@@ -84,6 +86,11 @@ EXPERIMENTS: Final[dict[str, Experiment]] = {
         ("left knee", "right elbow"),
     ),
     "acrobatics": STRONG,
+    "loss": Experiment(
+        ("knee-bend", "cartwheel"),
+        {"cameras covered": Corruption(wrong_frames=tuple(COVERED_FRAMES), wrong_kind="black")},
+        ("left knee", "right elbow"),
+    ),
     "weight": Experiment(
         ("knee-bend", "runner"),
         {"clean": None, "noise": Corruption(NOISE)},
