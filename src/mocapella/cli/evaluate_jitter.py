@@ -59,5 +59,6 @@ def show_jitter_limit(rows: Sequence[Any], out: Console) -> None:
             *(f"{100 * (1 - one / row.without):.0f} %" for one in lowered),
         )  # fmt: skip
     out.print(table)
-    out.print("jitter without the penalty and with it; by how much it is lowered, and could be at", highlight=False)
-    out.print("most by a linear filter of past frames without lag, with any lag, and of all frames", highlight=False)
+    out.print("jitter without the penalty and with it; by how much it is lowered, and how much", highlight=False)
+    out.print("a linear filter could lower it at most: of past frames without lag behind a", highlight=False)
+    out.print("constant velocity, of past frames with any lag, and of later frames, too", highlight=False)
