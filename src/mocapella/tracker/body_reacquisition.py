@@ -1,8 +1,8 @@
 """Re-acquire a lost body from foreground masks.
 
 The centres of the foreground in two or more cameras are triangulated. The body is placed there in its last posture, in
-several rotations about its own axis, and moved while its overlap with the foreground increases; if that stays too
-small, the same is tried in its initial posture.
+several rotations about its own axis, and moved while its overlap with the foreground increases; if that stays
+small, the same is tried in other postures that it had.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ MEETING_M: Final = 0.4
 """Largest distance of a line of sight from the object's centre [m]; some cameras see only a part of the object."""
 COVERED: Final = 0.45
 """Least overlap of body and foreground, as a mean over cameras; below, the object is something else."""
+WELL_COVERED: Final = 0.75
+"""Overlap from which no further posture is tried."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """Rotations that are tried, about the body's own axis, relative to its last orientation."""
 STEPS: Final = ((0.2, 0.3), (0.1, 0.15), (0.05, 0.08))
@@ -54,8 +56,9 @@ def reacquire(
     Args:
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
-        before: poses whose postures are tried in this order until one is good enough; not changed. The body is rotated
-            only about its own long axis, so that its inclination stays that of the pose.
+        before: poses whose postures are tried in this order; the best one is taken, or the first one with an overlap of
+            `WELL_COVERED`. Not changed. The body is rotated only about its own long axis, so that its inclination stays
+            that of the pose.
         eyes: the cameras of ``seen``, by name.
         doubted: pose of a body that is not lost, but may be wrong; only a pose whose overlap is larger than this one's
             by `BETTER_PLACED` is returned. None for a lost body.
@@ -68,6 +71,7 @@ def reacquire(
     point, names = met
     shown = [(eyes[name], masks[name]) for name in names]
     least = COVERED if doubted is None else max(COVERED, _covers(body, doubted, shown) + BETTER_PLACED)
+    best: TreePose | None = None
     for one in before:
         pose, most = _nearer(body, _moved(one, point - body.standing(one).vertices.mean(axis=0)), shown)
         turned = [_turned(pose, by) for by in TURNS_RAD]
@@ -75,8 +79,10 @@ def reacquire(
         if max(values) > most + BETTER_TURNED:
             pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
         if most >= least:
-            return pose
-    return None
+            best, least = pose, most
+        if most >= max(WELL_COVERED, least):
+            break
+    return best
 
 
 def _nearer(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> tuple[TreePose, float]:
