@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,10 +12,10 @@ from hypothesis import strategies as st
 from support import silhouette_pictures as pictures
 from support.silhouette_room import FRAME_NS, Room, bent
 
-from mocapella.geometry.rigid import rigid, rotation_about_x
+from mocapella.geometry.rigid import rigid, rotation_about_x, rotation_about_z
 from mocapella.kinematics.silhouette_fit import eye, see
 from mocapella.model.rigged_mesh import landmarks_at
-from mocapella.model.silhouettes import Silhouette
+from mocapella.model.silhouettes import Silhouette, overlap
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import FittedBody
@@ -144,7 +147,8 @@ def test_remembered_postures_are_few_and_unlike_each_other(wanted: list[tuple[fl
 def test_a_body_that_was_lost_in_a_wrong_posture_is_found_in_an_earlier_one() -> None:
     room, fitters = pictures.Room(RIG), BodiesFitter({"": MESH}, RIG)
     empty, person = room.images(), room.images(MESH, HERE)
-    fallen = TreePose(HERE.T_world_model @ rigid(rotation_about_x(np.pi / 2), np.zeros(3)), HERE.angles + 0.0)
+    bent = np.array([high for _, high in MESH.tree.limits])  # as nobody ever was
+    fallen = TreePose(HERE.T_world_model @ rigid(rotation_about_x(np.pi / 2), np.zeros(3)), bent)
     fitters.start("", fallen, 0)
     fitters.others[""] = {}
     presence = SilhouettePresence(fitters, RIG)
@@ -226,3 +230,37 @@ def test_a_doubted_body_moves_only_to_where_it_covers_much_more(aside_m: float) 
     found = reacquire(seen, body, [HERE], eyes, pictures.pose_at(MESH, aside_m))
     assert (found is not None) == (aside_m > 0.5)
     assert reacquire(seen, body, [HERE], eyes) is not None
+
+
+@pytest.mark.parametrize("tilt", [np.pi, np.pi / 2, -3 * np.pi / 4])
+@pytest.mark.parametrize("about", [rotation_about_x, rotation_about_z])
+def test_a_body_is_found_any_way_up(tilt: float, about: Callable[[float], Any]) -> None:
+    """It fell, or does a cartwheel: where it was seen last, it stood."""
+    middle, R = MESH.vertices.mean(axis=0), about(tilt)
+    T = HERE.T_world_model @ rigid(R, middle - R @ middle)
+    T[0, 3] += 0.3
+    true = TreePose(T, HERE.angles)
+    seen, body = pictures.silhouettes_of(MESH, RIG, true), SilhouetteBody(MESH)
+    eyes = {name: eye(placed) for name, placed in RIG.cameras.items()}
+
+    def shares(pose: TreePose) -> float:
+        covered = pictures.silhouettes_of(MESH, RIG, pose)
+        sizes = {name: placed.camera.size_px for name, placed in RIG.cameras.items()}
+        return float(np.mean([overlap(one.mask(sizes[k]), seen[k].mask(sizes[k])) for k, one in covered.items()]))
+
+    found = reacquire(seen, body, [HERE], eyes, any_way_up=True)
+    standing = reacquire(seen, body, [HERE], eyes)
+    assert found is not None
+    assert shares(found) > 0.6
+    if abs(tilt) < np.pi:  # upside down the outline is much like a standing one
+        assert standing is None or shares(standing) < shares(found)
+
+
+def test_who_does_a_cartwheel_still_faces_the_same_way() -> None:
+    middle, R = MESH.vertices.mean(axis=0), rotation_about_z(np.pi)
+    true = TreePose(HERE.T_world_model @ rigid(R, middle - R @ middle), HERE.angles)
+    eyes = {name: eye(placed) for name, placed in RIG.cameras.items()}
+    body = SilhouetteBody(MESH)
+    found = reacquire(pictures.silhouettes_of(MESH, RIG, true), body, [HERE], eyes, any_way_up=True)
+    assert found is not None
+    assert found.T_world_model[:3, 2] @ HERE.T_world_model[:3, 2] > 0
