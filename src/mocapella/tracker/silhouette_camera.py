@@ -20,6 +20,7 @@ from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, alike, see
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.largest_object import largest_object
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -305,8 +306,6 @@ class SilhouetteCamera:
             A silhouette in the whole image, with phi of 0.5 on the object and −0.5 elsewhere instead of signed
             distances; None if nothing differs, nothing is known, or more than `MOST_FOREGROUND` of the image differs.
         """
-        import cv2
-
         if self.background is None:
             return None
         step, (height, width) = self.step_px, image.shape[:2]
@@ -317,13 +316,7 @@ class SilhouetteCamera:
             return None
         if others is not None:
             changed &= ~others[:: every * step, :: every * step]
-        cleaned = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-        cleaned = cv2.morphologyEx(cleaned, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
-        if len(stats) < 2:
-            return None
-        largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-        return Silhouette((0, 0), every * step, (labels == largest).astype(np.float32) - np.float32(0.5))
+        return largest_object(changed, every * step)
 
     def _bounds(self, about: Sequence[Ball]) -> tuple[int, int, int, int] | None:
         """Return the part of the image that shows balls: left, top, right, bottom [px]; None if one is too near."""
