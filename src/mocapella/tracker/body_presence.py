@@ -50,8 +50,6 @@ POSTURES: Final = 8
 """Number of earlier postures that are remembered, of each body."""
 APART_RAD: Final = 0.6
 """Least difference of two remembered postures, of the joint that differs most or of the inclination [rad]."""
-ANY_WAY_UP: Final = 3
-"""Interval at which a lost body is also searched upside down and lying, which takes long [frames]."""
 DOUBTED: Final = 0.7
 """Least mean, over the cameras that know the room there, of the share of a body that differs from it."""
 DOUBTED_S: Final = 0.1
@@ -282,7 +280,7 @@ class SilhouettePresence:
             tried[EARLIER] = body.postures[number % len(body.postures)]
         there = reacquire(
             seen, fitter.body, list(tried.values()), fitter.eyes, fit.pose if doubted else None,
-            any_way_up=not doubted and number % ANY_WAY_UP == 0,
+            any_way_up=not doubted,
         )  # fmt: skip
         found = (words for words, pose in tried.items() if there is not None and pose.angles is there.angles)
         body.found = next(found, "")

@@ -45,7 +45,7 @@ STEPS: Final = ((0.2, 0.3), (0.1, 0.15), (0.05, 0.08))
 BETTER_TURNED: Final = 0.02
 """Gain in overlap that a rotation needs, because front and back views of bodies hardly differ."""
 BETTER_PLACED: Final = 0.1
-"""Gain in overlap that another pose needs over that of a body that is doubted."""
+"""Gain in overlap that a pose needs over a likelier one: a later posture, or another pose than a doubted body's."""
 
 
 def reacquire(
@@ -60,8 +60,9 @@ def reacquire(
     Args:
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
-        before: poses whose postures are tried in this order; the best one is taken, or the first one with an overlap of
-            `WELL_COVERED`. Not changed. The body is rotated only about its own long axis, so that its inclination stays
+        before: poses whose postures are tried in this order; a later one is taken only if its overlap is larger by
+            `BETTER_PLACED`, because the earlier ones are likelier. Not changed.
+            The body is rotated only about its own long axis, so that its inclination stays
             that of the pose.
         eyes: the cameras of ``seen``, by name.
         any_way_up: whether the first posture is also tried upside down and lying, where none covers the foreground
@@ -85,13 +86,13 @@ def reacquire(
         if max(values) > most + BETTER_TURNED:
             pose, most = _nearer(body, turned[int(np.argmax(values))], shown)
         if most >= least:
-            best, least = pose, most
-        if most >= max(WELL_COVERED, least):
+            best, least = pose, most + BETTER_PLACED
+        if best is not None and most >= WELL_COVERED:
             break
-    if any_way_up and (best is None or least < WELL_COVERED):
+    if any_way_up and least < WELL_COVERED:
         there = [_moved(one, point - body.standing(one).vertices.mean(axis=0)) for one in before[:1]]
         tilted = _tilted_best(body, there, shown)
-        if tilted is not None and tilted[1] >= least + (BETTER_TURNED if best is not None else 0.0):
+        if tilted is not None and tilted[1] >= (least if best is None else least - BETTER_PLACED + BETTER_TURNED):
             best = tilted[0]
     return best
 
