@@ -139,23 +139,15 @@ def _experiment(
 
 
 _ACCURACY = ("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "IoU\n%")
-_STEADINESS = (
-    "jitter\nm/s²",
-    "feet\nm/s²",
-    "true\nm/s²",
-    "knees\nkept %",
-    "late\nframes",
-    "blind\nframes",
-    "lost\nframes",
-    "end\n°",
-)
+_STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes")
+_LOSS = ("blind\nframes", "lost\nframes", "end\n°")
 _OFF = ("depth\nmm", "95 %", "across\nmm", "95 %", "jitter\ndepth", "\nacross", "away\n%", "IoU\n%")
 _FREE = ("four\ncameras", "one\ncamera", "all")
 
 
 def show_runs(rows: Any, out: Console) -> None:
     """Print the rows of `mocapella.evaluation.silhouette_experiments.run` as tables."""
-    for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
+    for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness), (_LOSS, _loss)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
     out.print("toes as such, beside the true one; blind: frames in which no camera counted;", highlight=False)
@@ -208,7 +200,11 @@ def _accuracy(row: Any) -> tuple[float | None, ...]:
 
 def _steadiness(row: Any) -> tuple[float | None, ...]:
     s, kept = row.score, None if row.kept is None else 100 * row.kept
-    return s.jitter, s.feet, s.true_feet, kept, row.lag, row.blind, row.lost, row.outcome.late_deg
+    return s.jitter, s.feet, s.true_feet, kept, row.lag
+
+
+def _loss(row: Any) -> tuple[float | None, ...]:
+    return row.blind, row.lost, row.outcome.late_deg
 
 
 def _penalty(weight: float) -> str:
