@@ -83,7 +83,10 @@ def test_who_stays_is_followed_meanwhile(passed):
 def test_it_is_said_who_left_and_came(passed):
     run, _, _ = passed
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
-    assert said == ["ben is in no camera's image any more; the last place is watched", "ben is there again"]
+    assert said == [
+        "ben is in no camera's image any more; the last place is watched",
+        "ben is there again, found in its last posture",
+    ]
     assert run.summary_of("ben")["lost"] > 0
     assert run.summary_of("anna")["lost"] == 0
     assert any("for ben" in note and "ben is outside of its image" in note for note in run.notes)

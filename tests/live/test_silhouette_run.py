@@ -97,7 +97,7 @@ def test_a_person_who_leaves_is_said_and_followed_again():
     assert np.linalg.norm(run.rows[ALONE][-1].pose(MESH.joint_names).T_world_model[:3, 3]) < 0.2
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
     assert said[0] == "the body is in no camera's image any more; the last place is watched"
-    assert said[-1] == "the body is there again"
+    assert said[-1] == "the body is there again, found in its last posture"
 
 
 def wrong_way_round(images):

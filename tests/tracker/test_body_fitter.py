@@ -481,3 +481,19 @@ def _seated_error_m(*, there):
 def test_legs_are_not_fitted_to_a_chair_that_came_after_the_room_was_learnt():
     assert _seated_error_m(there=True) < 0.05
     assert _seated_error_m(there=False) > 0.1, "the fault that the test must show"
+
+
+def test_no_image_is_left_out_without_rejection() -> None:
+    """So that what the penalty does alone can be seen; `adaptive` leaves the same images out."""
+    dead = {name: np.zeros((240, 320, 3), np.uint8) for name in ROOM.rig.cameras}
+    other = {name: np.full((240, 320, 3), 90, np.uint8) for name in ROOM.rig.cameras}
+    for rejection in ("adaptive", "none"):
+        found = follow(BodyFitter(ROOM.mesh, ROOM.rig, SilhouetteSettings(rejection=rejection)), 5, {3: dead, 4: other})
+        for one in found[3:]:
+            assert len(one.left_out) == (0 if rejection == "none" else len(ROOM.rig.cameras))
+            assert bool(one.seen) == (rejection == "none")
+
+
+def test_an_unknown_way_to_reject_images_is_refused() -> None:
+    with pytest.raises(SettingsError, match=r"rejection is 'non'; it must be adaptive, none \(did you mean none"):
+        SilhouetteSettings(rejection="non")

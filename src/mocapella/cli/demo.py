@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ from mocapella.cli.common import (
     working,
     write_json,
 )
+from mocapella.cli.silhouette_keys import REJECTION, fit_settings
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -57,6 +59,9 @@ class DemoKeys:
     steadiness: Annotated[bool, KeySpec("Of silhouettes: penalise jitter; false fits every frame independently.")] = (
         True
     )
+    rejection: Annotated[
+        str, dataclasses.replace(REJECTION, meaning="Of silhouettes: leave out wrong images; none uses all.")
+    ] = "adaptive"
     corrupt: Annotated[str | None, KeySpec("Of silhouettes: corrupt the images.", "noise|rectangles|wrong")] = None
 
 
@@ -107,12 +112,12 @@ def demo(
 
         _refuse_bus_options({"--record": record, "--port": wanted_port, "--method": named_method})
         run_demo(
-            scene, seed, keys.corrupt, seconds=seconds, steady=keys.steadiness, view=view, view_port=wanted_view_port,
+            scene, seed, keys.corrupt, seconds=seconds, fit=fit_settings(keys), view=view, view_port=wanted_view_port,
             no_browser=no_browser, json=json,
         )  # fmt: skip
         return
     if keys != DemoKeys():
-        raise SettingsError("steadiness and corrupt are settings of demo silhouettes; leave them out")
+        raise SettingsError("steadiness, rejection and corrupt are settings of demo silhouettes; leave them out")
     if what is What.ARM and named_method is not None:
         raise SettingsError(not_method(named_method))
     take = None if record is None else record_file(record)

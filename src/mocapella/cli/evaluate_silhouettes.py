@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -13,8 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
+from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import JsonOut, Plot, console, participant_numbers, say, seconds_option, write_json
 from mocapella.cli.evaluate import Seeds
+from mocapella.errors import SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Bodies = Annotated[
     str,
@@ -24,6 +29,16 @@ Bodies = Annotated[
         help="Body mesh used for tracking: the subject's own, or one of the proportions measured in the first frame.",
     ),
 ]
+
+
+def _silhouettes_keys(_: typer.Context) -> Iterator[str]:
+    """Yield the settings of the method, for ``--set help``."""
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
+
+    yield from lines_of_dataclass(SilhouetteSettings, "Settings of the method silhouettes:")
+
+
+Settings = Annotated[list[str] | None, set_option(NoKeys, _silhouettes_keys)]
 SceneSeconds = Annotated[float | None, seconds_option("Of each scene; by default at its end.")]
 _SEEDS = "100"
 _COMMANDS: Final = {
@@ -38,6 +53,10 @@ _COMMANDS: Final = {
     "acrobatics": (
         "own,measured",
         "Track a cartwheel and a flick-flack with some completely wrong frames.",
+    ),
+    "loss": (
+        "own",
+        "Cover all cameras for 0.8 s during a knee bend and a cartwheel, and see whether the body is found again.",
     ),
     "weight": (
         "own",
@@ -56,9 +75,9 @@ def _command(name: str, usual: str, about: str) -> None:
 
     def command(
         seeds: Seeds = _SEEDS, bodies: Bodies = usual, seconds: SceneSeconds = None, plot: Plot = None,
-        json: JsonOut = None,
+        settings_file: SettingsFile = None, settings: Settings = None, json: JsonOut = None,
     ) -> None:  # fmt: skip
-        _experiment(name, seeds, bodies, seconds, plot, json)
+        _experiment(name, seeds, bodies, seconds, plot, json, method_settings(settings_file, settings))
 
     called = f"silhouettes-{name}"
     command.__doc__ = (
@@ -72,7 +91,28 @@ for _name, (_usual, _about) in _COMMANDS.items():
     _command(_name, _usual, _about)
 
 
-def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot: Path | None, json: str | None) -> None:
+def method_settings(file: Path | None, pairs: Sequence[str] | None) -> SilhouetteSettings:
+    """Parse the settings of the method that an experiment runs with.
+
+    Raises:
+        InputError, SettingsError: as in `read_settings` and `parse`; or ``steadiness`` is null, which is the
+            experiment's to choose.
+    """
+    from mocapella.settings import parse
+    from mocapella.tracker.silhouette_settings import SilhouetteSettings
+
+    _, given = read_settings(NoKeys, file, pairs)
+    if "steadiness" in given and given["steadiness"] is None:
+        raise SettingsError(
+            "setting steadiness is null, but the experiment compares runs with the penalty and without; leave it out"
+        )
+    return parse(SilhouetteSettings, given, where="settings of silhouettes")
+
+
+def _experiment(
+    name: str, seeds: str, bodies: str, seconds: float | None, plot: Path | None, json: str | None,
+    settings: SilhouetteSettings,
+) -> None:  # fmt: skip
     import msgspec
 
     from mocapella.cli.evaluate import _names
@@ -84,10 +124,10 @@ def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot:
     draw: Callable[[Path], None]
     with console.status("rendering …") as status:
         if name == "one-camera":
-            rows, of_one = run_one_camera(numbers, seconds, chosen, status.update)
+            rows, of_one = run_one_camera(numbers, seconds, chosen, status.update, settings=settings)
             draw = partial(plot_one_camera, of_one)
         else:
-            rows, shown = run(name, numbers, seconds, chosen, status.update)
+            rows, shown = run(name, numbers, seconds, chosen, status.update, settings=settings)
             movements = partial(plot_movements, shown, EXPERIMENTS[name].hinges)
             draw = partial(plot_weights, rows) if name == "weight" else movements
     write_json(json, {"experiment": name, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
@@ -99,17 +139,19 @@ def _experiment(name: str, seeds: str, bodies: str, seconds: float | None, plot:
 
 
 _ACCURACY = ("angles\n°", "sd\n°", "hinges\n°", "sd\n°", "marks\nmm", "95 %", "IoU\n%")
-_STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes", "blind\nframes")
+_STEADINESS = ("jitter\nm/s²", "feet\nm/s²", "true\nm/s²", "knees\nkept %", "late\nframes")
+_LOSS = ("blind\nframes", "lost\nframes", "end\n°")
 _OFF = ("depth\nmm", "95 %", "across\nmm", "95 %", "jitter\ndepth", "\nacross", "away\n%", "IoU\n%")
 _FREE = ("four\ncameras", "one\ncamera", "all")
 
 
 def show_runs(rows: Any, out: Console) -> None:
     """Print the rows of `mocapella.evaluation.silhouette_experiments.run` as tables."""
-    for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness)):
+    for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness), (_LOSS, _loss)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
-    out.print("toes as such, beside the true one; blind: frames in which no camera counted", highlight=False)
+    out.print("toes as such, beside the true one; blind: frames in which no camera counted;", highlight=False)
+    out.print("end: joint error of the last ten frames", highlight=False)
     _problems(rows, out)
 
 
@@ -158,7 +200,11 @@ def _accuracy(row: Any) -> tuple[float | None, ...]:
 
 def _steadiness(row: Any) -> tuple[float | None, ...]:
     s, kept = row.score, None if row.kept is None else 100 * row.kept
-    return s.jitter, s.feet, s.true_feet, kept, row.lag, row.blind
+    return s.jitter, s.feet, s.true_feet, kept, row.lag
+
+
+def _loss(row: Any) -> tuple[float | None, ...]:
+    return row.blind, row.lost, row.outcome.late_deg
 
 
 def _penalty(weight: float) -> str:

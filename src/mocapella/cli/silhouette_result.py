@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mocapella.cli.common import say
+from mocapella.cli.silhouette_keys import REJECTIONS
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -46,15 +47,15 @@ class SilhouetteResult:
         bodies: the tracked bodies by person's name.
         shown: source of the images, described in the result.
         rig: path of the rig's file, named in the result.
-        steady: whether jitter is penalised, as the result states.
+        fit: settings of the fit, as of `fit_settings`; the result states them.
 
     Raises:
         RecordingError: the file cannot be created.
     """
 
     def __init__(
-        self, json: str | None, plot: Path | None, bodies: Mapping[str, Body], shown: FrameSource, rig: Path, *,
-        steady: bool,
+        self, json: str | None, plot: Path | None, bodies: Mapping[str, Body], shown: FrameSource, rig: Path,
+        fit: Mapping[str, Any],
     ) -> None:  # fmt: skip
         from mocapella.recording.bodies_file import FollowedBody
         from mocapella.recording.bodies_writer import BodiesWriter, left_behind
@@ -72,7 +73,10 @@ class SilhouetteResult:
         heads = {
             name: FollowedBody(body.model, [], body.height_m, body.proportions.known) for name, body in bodies.items()
         }
-        how = {"rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz, "steadiness": steady}
+        how = {
+            "rig": str(rig), "cameras": shown.described(), "rate_hz": shown.rate_hz,
+            "steadiness": "steadiness" not in fit, "rejection": fit.get("rejection", REJECTIONS[0]),
+        }  # fmt: skip
         self._kept = BodiesWriter(path, heads, how)
 
     def keep(self, step: Step) -> None:

@@ -73,7 +73,7 @@ class RecordedRun:
 
 def recorded(
     record: str, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
-    *, steady: bool,
+    fit: Mapping[str, Any],
 ) -> RecordedRun:  # fmt: skip
     """Create a run over videos that is recorded as a take.
 
@@ -83,7 +83,7 @@ def recorded(
         shown: the videos.
         wishes: options of the command; live cameras are refused.
         wanted: the frames to track.
-        steady: whether jitter is penalised.
+        fit: settings of the fit, as of `fit_settings`.
 
     Raises:
         SettingsError: the sources are live cameras.
@@ -101,7 +101,7 @@ def recorded(
             for name, (body, pose) in found.items()
         ],
         "sync": {"period_s": wanted.step / shown.rate_hz},
-        **({} if steady else {"steadiness": None}),
+        **fit,
     }
     run = RecordedRun(record_file(record), settings, cast("VideoSet", shown))
     for note in shown.notes:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -36,6 +36,7 @@ from mocapella.cli.common import (
     working,
 )
 from mocapella.cli.pictures import FOURCC, Fps
+from mocapella.cli.silhouette_keys import REJECTION, fit_settings
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class SilhouetteKeys:
     late: Annotated[tuple[str, ...], KeySpec("Live: latency of a camera, as of network cameras.", "NAME=MS")] = ()
     fourcc: Annotated[str | None, FOURCC] = None
     steadiness: Annotated[bool, KeySpec("Penalise jitter; false fits every frame independently.")] = True
+    rejection: Annotated[str, REJECTION] = "adaptive"
     plot: Annotated[Path | None, KeySpec(f"{PLOT_HELP} Joint angles over time.", "file")] = None
     beside: Annotated[Path | None, KeySpec("In the plot, compare with this earlier result.", "file")] = None
     view_port: Annotated[
@@ -143,7 +145,7 @@ def silhouettes(
     page = None if named_view is False or not (named_view or live_wishes.live) else _Page(keys.view_port, keys.browser)
     files = _Files(rig or Path("rig.toml"), json, keys.plot, keys.beside, overlay, record)
     starts = StartWishes(start or (), keys.points, keys.model, keys.height, keys.order)
-    whole = _track(live_wishes, starts, parse_frames(frames), files, page, steady=keys.steadiness)
+    whole = _track(live_wishes, starts, parse_frames(frames), files, page, fit_settings(keys))
     if not whole:
         say("stopped before the end: what there is by now was written")
         raise typer.Exit(INTERRUPTED)
@@ -170,9 +172,14 @@ class _Files:
 
 
 def _track(
-    live_wishes: LiveWishes, starts: StartWishes, wanted: Frames, files: _Files, page: _Page | None, *, steady: bool
+    live_wishes: LiveWishes,
+    starts: StartWishes,
+    wanted: Frames,
+    files: _Files,
+    page: _Page | None,
+    fit: Mapping[str, Any],
 ) -> bool:
-    """Track until the end; return False if it is interrupted before."""
+    """Track until the end, with settings of the fit as of `fit_settings`; return False if it is interrupted before."""
     from mocapella.cli.silhouette_live import wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
     from mocapella.cli.silhouette_start import check_seen, find_start, learn
@@ -196,9 +203,9 @@ def _track(
             bodies = {name: body.starting(pose) for name, (body, pose) in found.items()}
             check_seen(bodies, shown.rig, ", ".join(starts.starts or ["points"]))
             if files.record is None:
-                run = _started(bodies, shown, live_wishes, wanted, steady=steady)
+                run = _started(bodies, shown, live_wishes, wanted, fit)
             else:
-                take = recorded(files.record, found, shown, live_wishes, wanted, steady=steady)
+                take = recorded(files.record, found, shown, live_wishes, wanted, fit)
                 closing.callback(take.close)
                 run = take.run
             if background:
@@ -212,9 +219,7 @@ def _track(
                 closing.callback(opened.close)
                 on_step.append(opened.tell)
             whose = {name: body for name, (body, _) in found.items()}
-            result = closing.enter_context(
-                SilhouetteResult(files.json, files.plot, whose, shown, files.rig, steady=steady)
-            )
+            result = closing.enter_context(SilhouetteResult(files.json, files.plot, whose, shown, files.rig, fit))
             whole = _follow(run, shown, stop, seconds, [result.keep, *on_step])
             result.finish(run, shown)
             if files.json != "-":
@@ -238,10 +243,15 @@ def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: Exi
 
 
 def _started(
-    bodies: Mapping[str, InitialBody], shown: FrameSource, wishes: LiveWishes, wanted: Frames, *, steady: bool
+    bodies: Mapping[str, InitialBody],
+    shown: FrameSource,
+    wishes: LiveWishes,
+    wanted: Frames,
+    fit: Mapping[str, Any],
 ) -> SilhouetteRun:
     """Return the run before its first frame; before live cameras, people may arrive later."""
     from mocapella.live.silhouette_run import SilhouetteRun
+    from mocapella.settings import parse
     from mocapella.tracker.frame_sync import FrameSyncSettings
     from mocapella.tracker.silhouette_settings import SilhouetteSettings
     from mocapella.tracker.silhouettes import SilhouettesTracker
@@ -249,7 +259,7 @@ def _started(
     tracker = SilhouettesTracker(
         bodies,
         shown.rig,
-        SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None),
+        parse(SilhouetteSettings, fit),
         sync=FrameSyncSettings(period_s=wanted.step / shown.rate_hz),
         empty_room_s=wishes.empty_room_s or 0.0,
         waiting=wishes.live and bool(wishes.background),

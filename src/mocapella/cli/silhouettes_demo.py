@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final
 
@@ -36,7 +36,7 @@ def run_demo(
     corrupt: str | None,
     *,
     seconds: float | None,
-    steady: bool,
+    fit: Mapping[str, Any],
     view: bool,
     view_port: int | None,
     no_browser: bool,
@@ -49,7 +49,7 @@ def run_demo(
         seed: random seed of the scene, the corruption, and the error of the initial pose.
         corrupt: key of `CORRUPTIONS`; None leaves the images as rendered.
         seconds: duration, including the display of the result in the view [s]; None: the whole scene, until Ctrl-C.
-        steady: whether jitter is penalised.
+        fit: settings of the fit, as of `fit_settings`.
         view: whether the live view is served.
         view_port: its TCP port; None for the default or a free one.
         no_browser: whether the view is not opened in the browser.
@@ -64,6 +64,7 @@ def run_demo(
     from mocapella.live.signals import stop_on_signals
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.recording.bodies_file import ALONE
+    from mocapella.settings import parse
     from mocapella.sources.simulate.silhouette_scene import scene_names, silhouette_scene
     from mocapella.tracker.frame_sync import FrameSyncSettings
     from mocapella.tracker.initial_body import InitialBody
@@ -75,7 +76,7 @@ def run_demo(
         typer.echo("\n".join(scene_names()))
         raise typer.Exit
     wrong = _corruption(corrupt, seed)
-    settings = SilhouetteSettings() if steady else SilhouetteSettings(steadiness=None)
+    settings = parse(SilhouetteSettings, fit)
     with working("making the room …", status=0), telling_of_compiling("the rendered body and the method silhouettes"):
         made = silhouette_scene(name, seed=seed, cameras=4, size_px=(640, 480), fps=RATE_HZ, corruption=wrong)
         body = InitialBody(made.mesh, rough_start(made.pose(0), made.mesh.tree.limits, seed))

@@ -29,6 +29,7 @@ from mocapella.evaluation.silhouettes import (
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 NOISE: Final = 0.15
 """Fraction of the pixels that are replaced by random ones, as in the paper."""
@@ -38,6 +39,8 @@ WRONG_FROM: Final = 3
 """Index of the first frame that may be replaced by a wrong image."""
 WRONG_FRAME: Final = 60
 """Index of the frame of the knee bend that is replaced by a wrong image in all cameras."""
+COVERED_FRAMES: Final = range(60, 108)
+"""Indices of the frames in which all cameras are covered, 0.8 s: longer than a body is extrapolated."""
 MOVES_DEG: Final = 1.0
 """The lag is not measured for knees that bend less than this [deg]."""
 LEAST_M_PER_S2: Final = 0.1
@@ -83,6 +86,11 @@ EXPERIMENTS: Final[dict[str, Experiment]] = {
         ("left knee", "right elbow"),
     ),
     "acrobatics": STRONG,
+    "loss": Experiment(
+        ("knee-bend", "cartwheel"),
+        {"cameras covered": Corruption(wrong_frames=tuple(COVERED_FRAMES), wrong_kind="black")},
+        ("left knee", "right elbow"),
+    ),
     "weight": Experiment(
         ("knee-bend", "runner"),
         {"clean": None, "noise": Corruption(NOISE)},
@@ -139,6 +147,8 @@ def run(
     seconds: float | None = None,
     bodies: Sequence[str] = tuple(BODIES),
     tell: Callable[[str], None] = lambda _: None,
+    *,
+    settings: SilhouetteSettings | None = None,
 ) -> tuple[list[RunRow], list[PlottedScene]]:
     """Run one of `EXPERIMENTS`.
 
@@ -148,6 +158,7 @@ def run(
         seconds: duration of each scene [s]; None for the whole scene.
         bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
+        settings: settings of the tracker, whose penalty the weights multiply; None for the defaults.
 
     Returns:
         A row for each run; and for each scene the runs of the first seed, with the first body and the last of the
@@ -170,7 +181,7 @@ def run(
                 for body in bodies:
                     for weight in plan.weights:
                         tell(f"following {scene}, seed {seed}: {images}, {body} body, penalty × {weight:g} …")
-                        row, movement = followed(film, body, images, worse, weight)
+                        row, movement = followed(film, body, images, worse, weight, settings=settings)
                         rows.append(row)
                         found.setdefault(weight, movement)
             if seed == seeds[0]:
@@ -196,8 +207,9 @@ def corrupted(corruption: Corruption | None, seed: int) -> Corruption | None:
 
 
 def followed(
-    film: Film, body: str, images: str, corruption: Corruption | None, weight: float
-) -> tuple[RunRow, Movement]:
+    film: Film, body: str, images: str, corruption: Corruption | None, weight: float,
+    *, settings: SilhouetteSettings | None = None,
+) -> tuple[RunRow, Movement]:  # fmt: skip
     """Track a rendered scene; return the result and the tracked movement.
 
     Args:
@@ -206,10 +218,11 @@ def followed(
         images: name of the corruption, for the row.
         corruption: corruption of the images; None for none.
         weight: factor of the penalty on jitter; 0 for none.
+        settings: settings of the tracker, whose penalty is multiplied; None for the defaults.
     """
     joints = rough_joints(film.scene)
     mesh = BODIES[body](film.scene, joints)
-    done = follow(film, mesh, joints, with_penalty(weight), corruption=corruption)
+    done = follow(film, mesh, joints, with_penalty(weight, settings), corruption=corruption)
     found, true = done.movement, film.truth
     ours, theirs = (
         np.mean([x.flexion_deg(f"{side} knee") for side in ("left", "right")], axis=0) for x in (found, true)

@@ -98,6 +98,7 @@ def run_one_camera(
     seconds: float | None = None,
     bodies: Sequence[str] = ("own",),
     tell: Callable[[str], None] = lambda _: None,
+    settings: SilhouetteSettings | None = None,
 ) -> tuple[list[OneCameraRow], list[OneCameraShown]]:
     """Track `SCENES` with one camera, with the penalty and without.
 
@@ -106,6 +107,7 @@ def run_one_camera(
         seconds: duration of each scene [s]; None for the whole scene.
         bodies: keys of `BODIES`: the ways to make the tracked body.
         tell: called with the current step, in words.
+        settings: settings of the tracker; None for the defaults.
 
     Returns:
         A row for each run; and for each scene the runs of the first seed with the first body, for `plot_one_camera`.
@@ -120,18 +122,21 @@ def run_one_camera(
             tell(f"rendering {scene}, seed {seed} …")
             film = filmed(silhouette_scene(scene, seed=seed, fps=FPS, cameras=1), seconds)
             many = silhouette_scene(scene, seed=seed, fps=FPS, cameras=MANY_CAMERAS).rig
-            alone = replace(with_penalty(0.0), usual_per_rad=0.0)
+            alone = replace(with_penalty(0.0, settings), usual_per_rad=0.0)
             free = {
                 f"outlines of {MANY_CAMERAS} cameras": median_freedoms(film.truth, many, alone),
                 "outlines of one camera": median_freedoms(film.truth, film.scene.rig, alone),
             }
             most = [float(sizes[0]) for sizes in free.values()]
-            held = {weight: median_freedoms(film.truth, film.scene.rig, with_penalty(weight)) for weight in WEIGHTS}
+            held = {
+                weight: median_freedoms(film.truth, film.scene.rig, with_penalty(weight, settings))
+                for weight in WEIGHTS
+            }
             free |= {HELD_BY[weight]: sizes for weight, sizes in held.items()}
             found: dict[float, Movement] = {}
             for body, weight in product(bodies, WEIGHTS):
                 tell(f"following {scene}, seed {seed}: {body} body, penalty × {weight:g} …")
-                run, movement = followed(film, body, "clean", None, weight)
+                run, movement = followed(film, body, "clean", None, weight, settings=settings)
                 found.setdefault(weight, movement)
                 told = errors_m(movement, film.truth, film.scene.rig)
                 rows.append(_row(run, told, film.truth.fps, (float(held[weight][0]), most[1], most[0])))

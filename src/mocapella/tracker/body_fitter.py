@@ -217,7 +217,8 @@ class BodyFitter:
         usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
-        left_out = self._dead.update(images)
+        rejects = s.rejection != "none"
+        left_out = self._dead.update(images) if rejects else {}
         images = {name: without_speckles(image) for name, image in images.items()}
         for camera in self._cameras.values():
             camera.forget_frame()
@@ -227,7 +228,7 @@ class BodyFitter:
             for name, camera in self._cameras.items()
             if name in images and name not in left_out and camera.look(self.body.figure, expected_at, s)
         }
-        left_out |= shows_another_scene(there, images, left_out, s, time_ns)
+        left_out |= shows_another_scene(there, images, left_out, s, time_ns) if rejects else {}
         usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
@@ -239,7 +240,8 @@ class BodyFitter:
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
-            for name, reason in hides_the_body(self._segmented(), left_out, s, time_ns).items():
+            hidden = hides_the_body(self._segmented(), left_out, s, time_ns) if rejects else {}
+            for name, reason in hidden.items():
                 left_out[name] = reason
                 there[name].forget_frame()
                 del usable[name]
@@ -258,7 +260,7 @@ class BodyFitter:
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
-                seen[name] = camera.seen()
+                seen[name] = msgspec.structs.replace(camera.seen(), stands_out=camera.stands_out())
                 evidence.append(camera.support())
                 camera.learn(images[name], others.get(name))
         if seen:
@@ -348,6 +350,20 @@ class BodyFitter:
                 phi = signed_distance(seen.mask, grown_px + step, step) + np.float32(grown_px)
                 out[name] = Silhouette(seen.origin_px, step, phi).mask(by.size_px)
         return out
+
+    def foreground(self, name: str, image: UInt8, others: Bool | None = None) -> Silhouette | None:
+        """Segment the largest object that differs from a camera's background as learnt during tracking; after `start`.
+
+        Args:
+            name: name of the camera.
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, who are left out; None for none.
+
+        Returns:
+            The object, see `SilhouetteCamera.foreground`; None if there is none, or nothing is known.
+        """
+        camera = self._cameras.get(name)
+        return None if camera is None else camera.foreground(without_speckles(image), others)
 
     def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
         """Return the prior of usual angles, and the priors of smooth motion."""

@@ -2,7 +2,8 @@
 
 A camera sees a body if the segmented contour overlaps the model's outline and stands out from the empty room. A body
 that no camera sees is extrapolated for `LOST_AFTER_S`. Then it is lost: it is searched where the images differ from the
-empty room, or else at its *waiting pose*, the last one that was seen well.
+empty room, or, if that is unknown, from the background learnt during tracking; there in its last posture, in its first
+one, and in earlier ones of this run. Else it is searched at its *waiting pose*, the last one that was seen well.
 """
 
 from __future__ import annotations
@@ -45,8 +46,21 @@ ELSEWHERE: Final = 0.5
 """Least area of a foreground object beside the body, in units of the body's, for the body to be there instead."""
 LOST_AFTER_S: Final = 0.5
 """Time unseen after which a body is lost [s]."""
+POSTURES: Final = 8
+"""Number of earlier postures that are remembered, of each body."""
+APART_RAD: Final = 0.6
+"""Least difference of two remembered postures, of the joint that differs most or of the inclination [rad]."""
+DOUBTED: Final = 0.7
+"""Least mean, over the cameras that know the room there, of the share of a body that differs from it."""
+DOUBTED_S: Final = 0.1
+"""A body is searched elsewhere each time it has been doubted for so long [s]."""
 WITNESSES: Final = 2
 """Number of cameras, or all if fewer, that must see a lost body to re-acquire it: one alone accepts any object."""
+
+
+LAST: Final = "found in its last posture"
+FIRST: Final = "found in its first posture"
+EARLIER: Final = "found in an earlier posture"
 
 
 class BodyPresence(msgspec.Struct, eq=False):
@@ -62,6 +76,10 @@ class BodyPresence(msgspec.Struct, eq=False):
         came: False for a body that has not appeared yet in a room that was empty at first (`wait`).
         placed: whether the last search of a lost body found foreground of its shape, or knew too few empty rooms to
             tell; otherwise the body cannot be re-acquired.
+        postures: earlier poses that were seen as well as waiting poses, with postures unlike each other, the oldest
+            first; at most `POSTURES`.
+        sure_ns: capture time of the last frame in which the body was not doubted, or was searched.
+        found: how the last search found the body, in words; empty if it did not.
     """
 
     initial: TreePose
@@ -72,6 +90,9 @@ class BodyPresence(msgspec.Struct, eq=False):
     lost: bool = False
     came: bool = True
     placed: bool = True
+    postures: tuple[TreePose, ...] = ()
+    sure_ns: int = 0
+    found: str = ""
 
     def away(self, time_ns: int) -> bool:
         """Return whether the body is absent at a time on the common clock, because it has been unseen for too long.
@@ -166,17 +187,20 @@ class SilhouettePresence:
             body = self._bodies[name]
             away = body.away(fit.time_ns)
             if away:
-                self._look_again(name, fit, images)
+                self._look_again(number, name, fit, images)
                 held = msgspec.structs.replace(fit, pose=body.pose, landmarks=body.landmarks)
                 seen[name] = SeenBody(held, True, self._covers(name, body.pose))
             else:
                 seen[name] = SeenBody(fit, False)
+                if self._doubted(name, fit) and self._look_again(number, name, fit, images, doubted=True):
+                    notes.append(f"frame {number}: {called(name)} did not stand out from the room: {body.found}")
             if away and not body.lost:
                 notes.append(
                     f"frame {number}: {called(name)} is in no camera's image any more; the last place is watched"
                 )
             elif body.lost and not away:
-                notes.append(f"frame {number}: {called(name)} is there{' again' if body.came else ''}")
+                how = f", {body.found}" if body.found else ""
+                notes.append(f"frame {number}: {called(name)} is there{f' again{how}' if body.came else ''}")
                 body.came = True
             body.lost = away
         return seen, notes
@@ -190,13 +214,18 @@ class SilhouettePresence:
         body, others = self._bodies[name], self._fitters.others[name]
         good = elsewhere = 0
         for camera, one in fit.seen.items():
-            if self._elsewhere(one, images[camera], camera, others.get(camera)):
+            share = self._stands_out(one, images[camera], camera, others.get(camera))
+            # Behind the last place of a lost body the room may be unknown, and then says nothing.
+            doubtful = share < STANDS_OUT_HALF or (body.lost and body.came and np.isnan(share))
+            if doubtful and self._beside(name, one, images[camera], camera):
                 elsewhere += 1
             else:
-                good += self._sees(one, images[camera], camera, others.get(camera))
+                good += not share < STANDS_OUT and self._sees(one, others.get(camera))
         whole = self._whole_in(fit.landmarks, fit.seen)
-        if good >= self._witnesses and not body.lost and whole >= self._witnesses and self._clear(name, fit, images):
+        clear = not self._room_shows(fit) and self._clear(name, fit, images)
+        if good >= self._witnesses and not body.lost and whole >= self._witnesses and clear:
             body.pose, body.landmarks, body.whole_in = fit.pose, fit.landmarks, whole
+            body.postures = remembered(body.postures, fit.pose)
         again = good >= self._witnesses and whole >= min(self._witnesses, body.whole_in) and body.placed
         if again if body.lost else good >= max(1, elsewhere):
             body.seen_ns = fit.time_ns
@@ -213,46 +242,100 @@ class SilhouettePresence:
         ]
         self.empty.learn({camera: images[camera] for camera in without}, covered_by_all(found, self._rig))
 
-    def _look_again(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> None:
-        """Restart the fitter where the images differ from the empty room, or else at the waiting pose."""
-        body, fitter, others = self._bodies[name], self._fitters.fitters[name], self._fitters.others[name]
+    def _room_shows(self, fit: FittedBody) -> bool:
+        """Whether enough cameras know the room where the body is, and too little of the body differs from it."""
+        shares = [one.stands_out for one in fit.seen.values() if not np.isnan(one.stands_out)]
+        return len(shares) >= self._witnesses and float(np.mean(shares)) < DOUBTED
+
+    def _doubted(self, name: str, fit: FittedBody) -> bool:
+        """Whether a body that is present should be searched elsewhere in this frame."""
+        body = self._bodies[name]
+        if not self._room_shows(fit):
+            body.sure_ns = fit.time_ns
+        doubted = bool(fit.seen) and fit.time_ns - body.sure_ns >= DOUBTED_S * NS_PER_S
+        if doubted:
+            body.sure_ns = fit.time_ns
+        return doubted
+
+    def _look_again(
+        self, number: int, name: str, fit: FittedBody, images: Mapping[str, UInt8], *, doubted: bool = False
+    ) -> bool:
+        """Restart the fitter where the images differ from the empty room, or else at the waiting pose.
+
+        A body that is only doubted is restarted if it covers the foreground much better elsewhere. Returns whether it
+        was found.
+
+        One earlier posture is tried in each frame, in turns. An image that was left out counts where the empty room is
+        unknown: a person who moved on differs from what was learnt as another scene does.
+        """
+        body, fitter = self._bodies[name], self._fitters.fitters[name]
         strange = {
-            camera: self.empty.silhouette(camera, image, others=others.get(camera))
+            camera: self._foreground(name, image, camera)
             for camera, image in images.items()
-            if camera not in fit.left_out
+            if camera not in fit.left_out or not self.empty.knows(camera)
         }
         seen = {camera: one for camera, one in strange.items() if one is not None}
-        there = reacquire(seen, fitter.body, (body.pose, body.initial), fitter.eyes)
+        tried = {LAST: body.pose, FIRST: body.initial}
+        if body.postures:
+            tried[EARLIER] = body.postures[number % len(body.postures)]
+        there = reacquire(
+            seen, fitter.body, list(tried.values()), fitter.eyes, fit.pose if doubted else None,
+            any_way_up=not doubted,
+        )  # fmt: skip
+        found = (words for words, pose in tried.items() if there is not None and pose.angles is there.angles)
+        body.found = next(found, "")
+        if doubted:
+            if there is not None:
+                fitter.start(there, fit.time_ns)
+            return there is not None
         known = [camera for camera in self._rig.cameras if self.empty.knows(camera)]
         body.placed = there is not None or len(known) < self._witnesses
         fitter.start(there or body.pose, fit.time_ns)
+        return there is not None
 
     def _whole_in(self, landmarks: Float64, cameras: Iterable[str]) -> int:
         """Return in how many of these cameras' images all landmarks (n, 3) are."""
         return sum(within(landmarks, self._eyes[name]) for name in cameras)
 
-    def _sees(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
-        """Whether a camera sees this body, rather than another person or the empty room."""
+    def _stands_out(self, one: SeenIn, image: UInt8, camera: str, others: Bool | None) -> float:
+        """Return the share of a segmented body that differs from the room, 0 to 1; NaN if that is unknown there.
+
+        The empty room counts, and where it is unknown the background that was learnt during tracking.
+        """
+        share = self.empty.differs(camera, image, one.contour, others)
+        return one.stands_out if np.isnan(share) else share
+
+    @staticmethod
+    def _sees(one: SeenIn, others: Bool | None) -> bool:
+        """Whether a camera sees a body of this shape, rather than another person."""
         if others is not None:
             body = one.outline.silhouette.mask((others.shape[1], others.shape[0]))
             if np.count_nonzero(others & body) >= HIDDEN_FROM * max(int(np.count_nonzero(body)), 1):
                 return False
-        return one.overlap >= SEEN_FROM and not self.empty.differs(name, image, one.contour, others) < STANDS_OUT
+        return one.overlap >= SEEN_FROM
 
-    def _elsewhere(self, one: SeenIn, image: UInt8, name: str, others: Bool | None) -> bool:
-        """Whether a camera shows the empty room at much of this body, and foreground of about its size beside it.
+    def _beside(self, name: str, one: SeenIn, image: UInt8, camera: str) -> bool:
+        """Whether a camera shows foreground of about the body's size beside the body.
 
-        The room alone is no evidence: the body may be behind furniture.
+        A body that does not stand out is no evidence alone: it may be behind furniture.
         """
-        if not self.empty.differs(name, image, one.contour, others) < STANDS_OUT_HALF:
-            return False
-        foreground = self.empty.silhouette(name, image, others=others)
+        foreground = self._foreground(name, image, camera)
         if foreground is None:
             return False
         size_px = (image.shape[1], image.shape[0])
         body = one.outline.silhouette.mask(size_px)
         beside, covered = np.count_nonzero(foreground.mask(size_px) & ~body), np.count_nonzero(body)
         return bool(covered > 0 and beside >= ELSEWHERE * covered)
+
+    def _foreground(self, name: str, image: UInt8, camera: str) -> Silhouette | None:
+        """Return the largest object that differs from the empty room, or from the learnt background if that is unknown.
+
+        Of a body that never came nothing was learnt.
+        """
+        others = self._fitters.others[name].get(camera)
+        if self.empty.knows(camera):
+            return self.empty.silhouette(camera, image, others=others)
+        return self._fitters.fitters[name].foreground(camera, image, others) if self._bodies[name].came else None
 
     def _clear(self, name: str, fit: FittedBody, images: Mapping[str, UInt8]) -> bool:
         """Whether the segmented body stands out well from the empty room, as far as that is known."""
@@ -272,6 +355,19 @@ class SilhouettePresence:
             }
             self._waits[name] = pose, drawn
         return self._waits[name][1]
+
+
+def remembered(postures: tuple[TreePose, ...], pose: TreePose) -> tuple[TreePose, ...]:
+    """Return the remembered poses with another one, if its posture is unlike all of them by `APART_RAD`.
+
+    The posture is the joint angles, and the inclination of the body's long axis to the vertical. Of more than
+    `POSTURES` the oldest is dropped.
+    """
+    for one in postures:
+        between = float(np.arccos(np.clip(one.T_world_model[:3, 1] @ pose.T_world_model[:3, 1], -1.0, 1.0)))
+        if max(between, float(np.abs(one.angles - pose.angles).max(initial=0.0))) < APART_RAD:
+            return postures
+    return (*postures, pose)[-POSTURES:]
 
 
 REMEMBERED: Final[tuple[type, ...]] = (BodyPresence, TreePose)

@@ -20,6 +20,7 @@ from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, alike, see
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.largest_object import largest_object
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -43,6 +44,10 @@ FARTHER, EVERY = 0.3, 3
 """Search of limbs: margin around the body's window, as a fraction of it, and sampling step, in strides."""
 NEAREST_LIMB_M = 0.3
 """A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
+FOREGROUND_PX = 4
+"""Sampling step of a whole image's foreground, at least [px]."""
+MOST_FOREGROUND = 0.4
+"""An image with more foreground than this fraction shows something else, and no person."""
 USUAL_STEP_PX = 2
 """Stride for which `RegionSettings` give lengths and areas; they are scaled to a camera's stride [px]."""
 
@@ -54,11 +59,14 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
         contour: the segmented region.
         outline: outline of the posed mesh.
         overlap: intersection over union of the region and the mesh's silhouette, 0 to 1.
+        stands_out: share of the region that differs from the background learnt so far, 0 to 1; NaN if that is unknown
+            at half of the region or more.
     """
 
     contour: Silhouette
     outline: Outline
     overlap: float
+    stands_out: float = float("nan")
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
@@ -108,6 +116,7 @@ class SilhouetteCamera:
         self._outline: Outline | None = None
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
+        self._image: UInt8 | None = None
 
     def memory(self) -> list[Any]:
         """Return all state between two frames, for `recall`; its mutable values are shared, not copied."""
@@ -192,6 +201,7 @@ class SilhouetteCamera:
         settings = self._wide_region if self.wide else self._closer if near else self._region
         found = region_contour(image, self._expected(), ignore=others, background=self.background, settings=settings)
         self._found = found.silhouette, found.surety
+        self._image = image
 
     def planes(self, motions: tuple[Float64, Float64]) -> InPlanes:
         """Return the correspondences of outline and contour, as constraints of the pose; only if it is `segmented`.
@@ -214,6 +224,20 @@ class SilhouetteCamera:
         assert self._found is not None
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
+
+    def stands_out(self) -> float:
+        """Return the share of the segmented region that differs from the background learnt so far, see `SeenIn`.
+
+        Only if it is `segmented`, and before `learn`.
+        """
+        assert self._found is not None
+        assert self._image is not None
+        if self.background is None:
+            return float("nan")
+        contour = self._found[0]
+        score = self.background.strange(self._image, contour, EVERY)[contour.phi[::EVERY, ::EVERY] > 0]
+        known = score[score != 0]
+        return float((known > 0).mean()) if 2 * len(known) > len(score) else float("nan")
 
     def support(self) -> OutlineEvidence:
         """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
@@ -268,6 +292,31 @@ class SilhouetteCamera:
             apart_from = others[top:bottom:grid, left:right:grid]
             strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
         return Evidence(self._eye, (left, top), grid, strange)
+
+    def foreground(self, image: UInt8, others: Bool | None) -> Silhouette | None:
+        """Segment the largest object of an image that differs from the background learnt during tracking.
+
+        Nothing is learnt. Pixels with unknown background, where people were in every image, are no foreground.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people, who are left out; None for none.
+
+        Returns:
+            A silhouette in the whole image, with phi of 0.5 on the object and −0.5 elsewhere instead of signed
+            distances; None if nothing differs, nothing is known, or more than `MOST_FOREGROUND` of the image differs.
+        """
+        if self.background is None:
+            return None
+        step, (height, width) = self.step_px, image.shape[:2]
+        every = max(1, -(-FOREGROUND_PX // step))
+        window = Silhouette((0, 0), step, np.empty((-(-height // step), -(-width // step)), np.float32))
+        changed = self.background.strange(image, window, every) > 0
+        if changed.mean() > MOST_FOREGROUND:
+            return None
+        if others is not None:
+            changed &= ~others[:: every * step, :: every * step]
+        return largest_object(changed, every * step)
 
     def _bounds(self, about: Sequence[Ball]) -> tuple[int, int, int, int] | None:
         """Return the part of the image that shows balls: left, top, right, bottom [px]; None if one is too near."""

@@ -7,15 +7,20 @@ rejection.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Final
 
 import numpy as np
 
+from mocapella.errors import SettingsError, one_of
 from mocapella.kinematics.limb_search import LimbSearchSettings
 from mocapella.kinematics.silhouette_fit import CorrespondenceSettings
 from mocapella.kinematics.twist_prediction import JitterPenalty
 from mocapella.sensing.background_memory import MemorySettings
 from mocapella.sensing.region_contour import RegionSettings
 from mocapella.settings import check
+
+REJECTIONS: Final = ("adaptive", "none")
+"""Ways to reject images: by adaptive thresholds of each camera, or not at all."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +112,8 @@ class SilhouetteSettings:
             work, less accurate [samples].
         usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it; larger:
             hidden limbs stay nearer to it [1/rad].
+        rejection: which images do not count: ``adaptive`` leaves out dead images, and those that show something else by
+            thresholds of each camera; ``none`` uses every image, to measure the penalty on jitter alone.
         unlike: an image is rejected if more than this fraction of the usually unchanged background has changed; larger:
             fewer images are rejected [0 to 1].
         something_else_s: after being rejected for so long, an image becomes the new background, because the light has
@@ -131,6 +138,7 @@ class SilhouetteSettings:
     expected_steps: float = 1.0
     settled_steps: float = 2.0
     usual_per_rad: float = 3.0
+    rejection: str = "adaptive"
     unlike: float = 0.2
     something_else_s: float = 0.5
 
@@ -142,5 +150,7 @@ class SilhouetteSettings:
         check(self.expected_steps >= 0, "expected_steps", self.expected_steps, "0 or more")
         check(self.settled_steps >= 0, "settled_steps", self.settled_steps, "0 or more")
         check(self.usual_per_rad >= 0, "usual_per_rad", self.usual_per_rad, "0 or more")
+        if self.rejection not in REJECTIONS:
+            raise SettingsError(f"rejection is {self.rejection!r}; it must be {one_of(self.rejection, REJECTIONS)}")
         check(0 < self.unlike <= 1, "unlike", self.unlike, "above 0 and at most 1")
         check(self.something_else_s > 0, "something_else_s", self.something_else_s, "above 0 s")
