@@ -1,5 +1,7 @@
 """Which landmarks of the limbs images support."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from support.silhouette_room import Room, bent
@@ -66,7 +68,7 @@ def test_evidence_for_the_other_side_takes_away_from_that_for_this_side():
 
 
 def conditions():
-    return SupportConditions({"anna": ("left knee", "left ankle")})
+    return SupportConditions({"anna": {"left knee": 1, "left ankle": 2}})
 
 
 def frames(said, supported, begin=0, count=60):
@@ -86,8 +88,11 @@ def test_landmarks_without_support_are_reported_once_they_lack_it_for_long_and_w
         "from frame 0 on: no image shows anna's left ankle: predicted, not measured"
     ]
     assert said.lasting == ["no image shows anna's left ankle: predicted, not measured"]
-    assert frames(said, [True, True], 100) == ["frame 100: images show all limbs of anna again"]
+    assert frames(said, [True, True], 100, few) == []
+    assert said.lasting != [], "not before it has lasted"
+    assert frames(said, [True, True], 100 + few, 5) == ["frame 100: images show all limbs of anna again"]
     assert said.lasting == []
+    assert frames(said, [True, True], 130) == []
 
 
 def test_a_short_time_without_support_starts_anew_after_an_image_has_shown_the_limb():
@@ -97,11 +102,39 @@ def test_a_short_time_without_support_starts_anew_after_an_image_has_shown_the_l
         assert frames(said, [True, True], begin + 20, 1) == []
 
 
+def test_a_limb_that_shows_now_and_then_is_said_once():
+    said = conditions()
+    some = frames(said, [True, False])
+    for begin in range(60, 300, 30):
+        some += frames(said, [True, True], begin, 10) + frames(said, [True, False], begin + 10, 20)
+    assert len(some) == 1
+
+
+def test_who_leaves_and_comes_again_begins_anew():
+    said = conditions()
+    frames(said, [True, False])
+    assert said.update(60, 60 * NS_PER_S // 50, {}) == []
+    assert said.lasting == []
+    assert frames(said, [True, True], 61) == [], "nothing is again as it was for who has just come"
+    assert frames(said, [True, False], 121, round(LASTS_S * 50)) == []
+
+
+def test_a_part_of_which_one_landmark_shows_is_not_reported():
+    said = SupportConditions({"": {"wrist": 3, "fingertip": 3, "knee": 4}})
+    of = {"": np.array([True, False, True])}
+    assert [text for k in range(60) for text in said.update(k, k * NS_PER_S // 50, of)] == []
+    of = {"": np.array([False, False, True])}
+    said_now = [text for k in range(60, 120) for text in said.update(k, k * NS_PER_S // 50, of)]
+    assert said_now == ["from frame 60 on: no image shows wrist, fingertip: predicted, not measured"]
+
+
 def test_conditions_go_on_from_their_memory():
     said, other = conditions(), conditions()
     frames(said, [False, True])
-    other.recall(said.memory())
+    frames(said, [True, True], 60, 20)
+    other.recall(deepcopy(said.memory()))
     assert other.lasting == said.lasting != []
+    assert frames(other, [True, True], 80) == frames(said, [True, True], 80) != []
 
 
 def test_the_joints_of_parts_that_no_image_shows_are_hidden_and_no_others():

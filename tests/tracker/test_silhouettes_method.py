@@ -177,11 +177,13 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
     camera = fitter._cameras["c1"]
     for part, made_anew in (
         (tracker, {"bodies", "rig", "_waiting", "_sync", "_fitters", "_presence", "_conditions", "_rig_check", "_room",
-                   "_scenes", "_places", "seen"} | set(_own_memory())),
+                   "_scenes", "_places", "seen", "_support", "_sizes"} | set(_own_memory())),
         (tracker._sync, {"settings", "_names", "_cameras", "_first_ns", "_now_ns", "_last_ns", "used", "dropped"}),
         (tracker._fitters, {"fitters", "others", "_followed"}),
         (fitter, {"settings", "mesh", "body", "eyes", "_usual", "_past", "_missed", "_as_expected", "_dead", "_surface",
-                  "_limb_recovery", "_cameras"}),
+                  "_limb_recovery", "_cameras", "_support", "_there", "_hidden"}),
+        (fitter._support, {"_least_nats", "_parts", "_part", "_joint_parts", "_count"}),
+        (tracker._support, {"_landmarks", "_parts", "_since", "_said", "_until"}),
         (fitter._limb_recovery, {"_body", "_settings", "_limbs", "_whole", "_hung", "_points", "_limb_of", "_rng",
                                  "_frame", "_asked", "_evidence"}),
         (fitter._surface, {"_body", "_steadiness", "_part", "_last", "_onward", "_weights", "_speed", "_acceleration",

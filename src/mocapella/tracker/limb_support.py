@@ -128,28 +128,33 @@ def _nearest(values: Float32, outline: Outline, at: Float64) -> Float32:
 
 
 class SupportConditions:
-    """Reports which landmarks no image has supported for `LASTS_S`, by body.
+    """Reports parts of limbs that no image has supported for `LASTS_S`, by their landmarks, and the end of that.
+
+    A part is without support if all of its landmarks are. A fingertip alone is no limb: in small pictures it is
+    narrower than a sample, so its support comes and goes. Who leaves the images, or comes, begins anew.
 
     Args:
-        landmarks: the names of each body's landmarks, by the body's name.
+        landmarks: the part of each body's landmarks, by the landmark's and the body's name.
     """
 
-    def __init__(self, landmarks: Mapping[str, Sequence[str]]) -> None:
+    def __init__(self, landmarks: Mapping[str, Mapping[str, int]]) -> None:
         self._landmarks = {name: tuple(some) for name, some in landmarks.items()}
+        self._parts = {name: np.array([*some.values()], np.int64) for name, some in landmarks.items()}
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self._since: dict[tuple[str, str], tuple[int, int]] = {}
         self._said: dict[str, list[str]] = {}
+        self._until: dict[str, tuple[int, int]] = {}
 
     def memory(self) -> list[object]:
         """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
-        return [self._since, self._said]
+        return [self._since, self._said, self._until]
 
     def recall(self, memory: Sequence[dict]) -> None:  # type: ignore[type-arg]
         """Restore the state that `memory` returned, without copying it."""
-        self._since, self._said = memory
+        self._since, self._said, self._until = memory
 
     @property
     def lasting(self) -> Sequence[str]:
@@ -166,22 +171,38 @@ class SupportConditions:
         """
         notes: list[str] = []
         for name, marks in self._landmarks.items():
-            now = supported.get(name)
+            if name not in supported:
+                self._forget(name)
+                continue
+            parts = self._parts[name]
+            shown = np.isin(parts, parts[supported[name]])
             lacking: list[str] = []
             since = number
-            for mark, has in zip(marks, () if now is None else now.tolist(), strict=now is not None):
+            for mark, has in zip(marks, shown.tolist(), strict=True):
                 if has:
                     self._since.pop((name, mark), None)
                     continue
                 begun_ns, begun = self._since.setdefault((name, mark), (time_ns, number))
                 if time_ns - begun_ns >= LASTS_S * NS_PER_S:
                     lacking, since = [*lacking, mark], min(since, begun)
-            before, self._said[name] = self._said.get(name, []), lacking
+            before = self._said.get(name, [])
+            if not shown.all():
+                self._until.pop(name, None)
             if set(lacking) - set(before):
-                notes.append(f"from frame {since} on: {_clause(name, lacking)}")
-            elif before and not lacking and now is not None:
-                notes.append(f"frame {number}: images show all limbs{f' of {name}' if name else ''} again")
+                # What was said stays said until all limbs show, for as long: else it would be said again and again.
+                self._said[name] = [mark for mark in marks if mark in lacking or mark in before]
+                notes.append(f"from frame {since} on: {_clause(name, self._said[name])}")
+            elif before and shown.all():
+                begun_ns, begun = self._until.setdefault(name, (time_ns, number))
+                if time_ns - begun_ns >= LASTS_S * NS_PER_S:
+                    notes.append(f"frame {begun}: images show all limbs{f' of {name}' if name else ''} again")
+                    self._forget(name)
         return notes
+
+    def _forget(self, name: str) -> None:
+        self._said.pop(name, None)
+        self._until.pop(name, None)
+        self._since = {of: since for of, since in self._since.items() if of[0] != name}
 
 
 def _clause(name: str, marks: Sequence[str]) -> str:
