@@ -52,6 +52,13 @@ def test_a_leg_without_evidence_in_all_images_is_named_and_one_image_is_enough()
     assert lacking([*hidden[1:], evidence()[0]]) == set()
 
 
+def test_an_edge_that_crosses_the_outline_does_not_support_it():
+    def crossed(outline):
+        return np.where(np.arange(len(outline.at)) % 4 == 0, 3.0, 0.0)
+
+    assert LEFT_LEG & lacking(evidence(crossed)) == LEFT_LEG
+
+
 @pytest.mark.parametrize("shift", [0, 9, -9])
 def test_evidence_counts_only_where_the_image_has_its_contour_at_the_models(shift):
     outline = evidence()[0].outline
@@ -137,10 +144,10 @@ def test_conditions_go_on_from_their_memory():
     assert frames(other, [True, True], 80) == frames(said, [True, True], 80) != []
 
 
-def test_the_joints_of_parts_that_no_image_shows_are_hidden_and_no_others():
+def test_parts_that_no_image_shows_are_hidden_and_no_others():
     support = LimbSupport(ROOM.mesh, 1.0)
     shown = np.array([name not in LEFT_LEG for name in MARKS])
-    hidden = support.hidden_joints(shown)
-    names = {name for name, one in zip(ROOM.mesh.joint_names, hidden.tolist(), strict=True) if one}
-    assert names == {name for name in ROOM.mesh.joint_names if name.startswith(("left hip", "left knee", "left ankle"))}
-    assert not support.hidden_joints(np.ones(len(MARKS), bool)).any()
+    hidden = support.hidden_parts(shown)
+    names = {name for name, one in zip(ROOM.mesh.part_names, hidden.tolist(), strict=True) if one}
+    assert names == {"left thigh", "left shank", "left foot"}
+    assert not support.hidden_parts(np.ones(len(MARKS), bool)).any()

@@ -26,8 +26,10 @@ Bool = NDArray[np.bool_]
 NEAR_M: Final = 0.2
 """Largest distance of a landmark's evidence from it, along its limb [m]."""
 LEAST_M: Final = 0.12
-"""Least length of outline with evidence, over all cameras, that supports a landmark [m]."""
-LEAST_NATS: Final = 0.25
+"""Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
+LEAST_SHARE: Final = 0.5
+"""A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
+LEAST_NATS: Final = 0.5
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
 BESIDE_STEPS: Final = 1.5
 """Distance from the outline of the samples that are compared, inwards and outwards [samples]."""
@@ -63,7 +65,7 @@ class LimbSupport:
 
     def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
         self._least_nats = least_nats
-        parents, joint_parts = mesh.tree.parents, mesh.tree.joint_parts
+        parents = mesh.tree.parents
         chains = [parts for _, parts in limbs_of(mesh.tree)]
         ends = [
             parts.tolist()
@@ -73,7 +75,7 @@ class LimbSupport:
         of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
         self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
         self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
-        self._joint_parts, self._count = joint_parts, len(parents)
+        self._count = len(parents)
 
     def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
         """Return whether images support each landmark (n,); True for all that are not judged.
@@ -84,21 +86,22 @@ class LimbSupport:
         """
         length = np.zeros(len(landmarks))
         for one in evidence:
-            sure = one.nats >= self._least_nats
-            points, part, metres = one.outline.points[sure], one.outline.part[sure], one.lengths_m[sure]
+            points, part, metres = one.outline.points, one.outline.part, one.lengths_m
+            sure = np.where(one.nats >= self._least_nats, metres, 0.0)
             for k, parts in enumerate(self._parts):
                 if parts:
-                    near = ((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2
-                    length[k] += metres[near & np.isin(part, parts)].sum()
+                    near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
+                    shown = sure[near].sum()
+                    length[k] += shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
         judged = np.array([bool(parts) for parts in self._parts], np.bool_)
         return ~judged | (length >= LEAST_M)
 
-    def hidden_joints(self, supported: Bool) -> Bool:
-        """Return the joints (joints,) that rotate a part none of whose landmarks is ``supported`` (n,)."""
+    def hidden_parts(self, supported: Bool) -> Bool:
+        """Return the parts (parts,) none of whose landmarks is ``supported`` (n,); False for parts without any."""
         with_marks, shown = np.zeros(self._count, np.bool_), np.zeros(self._count, np.bool_)
         with_marks[self._part] = True
         shown[self._part[supported]] = True
-        return np.asarray((with_marks & ~shown)[self._joint_parts])
+        return with_marks & ~shown
 
 
 def evidence_at(outline: Outline, phi: Float32, surety: Float32) -> Float64:
