@@ -65,7 +65,7 @@ def test_what_comes_later_is_not_there_before_and_moves_to_its_place():
         assert np.ptp(thing.vertices(thing.comes_s - 0.01), axis=0).max() == 0.0
         begin, end = (thing.vertices(thing.comes_s + late) for late in (0.0, thing.lasts_s))
         assert np.allclose((begin - end)[0], thing.begin_m)
-        assert np.array_equal(end, thing.vertices(9.0))
+        assert np.allclose(end, thing.vertices(9.0))
 
 
 def test_unknown_surroundings_are_refused_and_the_known_ones_named():

@@ -29,7 +29,7 @@ LEAST_M: Final = 0.12
 """Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
 LEAST_SHARE: Final = 0.5
 """A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
-LEAST_NATS: Final = 0.5
+LEAST_NATS: Final = 1.0
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
 BESIDE_STEPS: Final = 1.5
 """Distance from the outline of the samples that are compared, inwards and outwards [samples]."""

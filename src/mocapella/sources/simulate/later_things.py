@@ -205,8 +205,8 @@ def _later(at: _Seat) -> tuple[LaterThing, ...]:
     put = at.box((-0.3, 0.1), (0.0, 0.3), (at.toes_m + 0.06, at.toes_m + 0.3))
     x, y, z = (1.2 * at.axes[0]).tolist()
     return (
-        replace(pushed, comes_s=0.3, lasts_s=0.8, begin_m=(x, y, z)),
-        replace(put, comes_s=0.8, lasts_s=0.3, begin_m=(0.0, 0.5, 0.0)),
+        replace(pushed, comes_s=0.2, lasts_s=0.5, begin_m=(x, y, z)),
+        replace(put, comes_s=0.6, lasts_s=0.3, begin_m=(0.0, 0.5, 0.0)),
     )
 
 
