@@ -10,7 +10,14 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.rigged_mesh import landmarks_at, posed
-from mocapella.tracker.limb_support import LASTS_S, LimbSupport, OutlineEvidence, SupportConditions, evidence_at
+from mocapella.tracker.limb_support import (
+    LASTS_S,
+    LEAST_NATS,
+    LimbSupport,
+    OutlineEvidence,
+    SupportConditions,
+    evidence_at,
+)
 
 ROOM = Room()
 POSE = bent(ROOM.mesh, {"left knee flexion": 30.0})
@@ -57,6 +64,15 @@ def test_an_edge_that_crosses_the_outline_does_not_support_it():
         return np.where(np.arange(len(outline.at)) % 4 == 0, 3.0, 0.0)
 
     assert LEFT_LEG & lacking(evidence(crossed)) == LEFT_LEG
+
+
+def test_the_shown_share_is_of_the_outlines_length_and_unknown_without_any():
+    one = evidence()[0]
+    half = np.cumsum(one.lengths_m) <= 0.5 * one.lengths_m.sum()
+    part = OutlineEvidence(one.outline, np.where(half, LEAST_NATS, 0.0), one.lengths_m)
+    assert one.shown == 1.0
+    assert part.shown == pytest.approx(0.5, abs=0.02)
+    assert np.isnan(OutlineEvidence(one.outline, one.nats[:0], one.lengths_m[:0]).shown)
 
 
 @pytest.mark.parametrize("shift", [0, 9, -9])

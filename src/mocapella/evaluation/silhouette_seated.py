@@ -33,7 +33,7 @@ Bool = NDArray[np.bool_]
 START_SD_M: Final = 0.01
 """Standard deviation of the start's joints, along each axis [m]."""
 SIZE_PX: Final = (644, 486)
-FPS: Final = 50.0
+FPS: Final = 25.0
 EMPTY_IMAGES: Final = 3
 """Number of images of the empty room, of each camera."""
 FAR_M: Final = 0.1

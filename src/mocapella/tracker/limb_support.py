@@ -54,6 +54,12 @@ class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
     nats: Float64
     lengths_m: Float64
 
+    @property
+    def shown(self) -> float:
+        """Share of the model's outline that the image shows, 0 to 1; NaN if the image has none of it."""
+        whole = float(self.lengths_m.sum())
+        return float(self.lengths_m[self.nats >= LEAST_NATS].sum()) / whole if whole > 0 else float("nan")
+
 
 class LimbSupport:
     """Measures which landmarks of one body's limbs the images support.

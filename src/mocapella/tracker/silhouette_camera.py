@@ -58,12 +58,15 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         contour: the segmented region.
         outline: outline of the posed mesh.
-        overlap: intersection over union of the region and the mesh's silhouette, 0 to 1.
+        overlap: intersection over union of the region and the mesh's silhouette, 0 to 1. The region is segmented with
+            the mesh's silhouette as a prior, so it is the mesh's own where the image says nothing.
+        shown: share of the mesh's outline for which the image has evidence, 0 to 1 (`limb_support.py`).
     """
 
     contour: Silhouette
     outline: Outline
     overlap: float
+    shown: float = float("nan")
 
 
 class Ball(msgspec.Struct, frozen=True, eq=False):
@@ -256,11 +259,11 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """Return the body in this frame's image: contour, outline and their overlap; only if it is `segmented`."""
+        """Return the body in this frame's image: contour, outline, and how they agree; only if it is `segmented`."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
-        return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
+        return SeenIn(contour, self._outline, alike(self._outline, contour.phi), self.support().shown)
 
     def support(self) -> OutlineEvidence:
         """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
