@@ -251,8 +251,8 @@ def test_a_body_says_what_is_to_be_drawn_and_which_landmarks_are_seen():
     doubted = {
         name for name, state in zip(body.landmark_names, body.states, strict=True) if state != JointState.TRACKED
     }
-    forearm = {"right wrist", "right hand", "right fingertip"}
-    assert doubted <= forearm, "in pictures this small, fits of that forearm are 8 cm off"
+    ends = ("wrist", "hand", "fingertip", "ankle", "heel", "toe")
+    assert all(name.endswith(ends) for name in doubted), "in pictures this small, these are two samples wide"
     assert [view.camera for view in body.views] == list(RIG.cameras)
     true = silhouettes_of(MESH, RIG, pose_at(MESH))
     for view in body.views:
