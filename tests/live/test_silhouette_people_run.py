@@ -82,7 +82,7 @@ def test_who_stays_is_followed_meanwhile(passed):
 @pytest.mark.slow
 def test_it_is_said_who_left_and_came(passed):
     run, _, _ = passed
-    said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame")]
+    said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame") and "all limbs" not in note]
     assert said == [
         "ben is in no camera's image any more; the last place is watched",
         "ben is there again, found in its last posture",
@@ -90,6 +90,17 @@ def test_it_is_said_who_left_and_came(passed):
     assert run.summary_of("ben")["lost"] > 0
     assert run.summary_of("anna")["lost"] == 0
     assert any("for ben" in note and "ben is outside of its image" in note for note in run.notes)
+
+
+@pytest.mark.slow
+def test_doubts_of_limbs_are_said_once_until_they_end_and_the_return_only_of_who_was_there(passed):
+    run, _, _ = passed
+    for name in ("anna", "ben"):
+        told = [note for note in run.notes if f"shows {name}'s" in note or f"all limbs of {name}" in note]
+        begun = ["shows" in note for note in told]
+        assert len(told) < 8
+        assert all(begun[k] or begun[k - 1] for k in range(len(begun)))
+        assert not begun or begun[0], "nothing is again as it was that was not otherwise before"
 
 
 @pytest.mark.slow

@@ -233,6 +233,10 @@ def test_a_run_keeps_none_of_its_rows_and_knows_what_they_came_to():
         rows.append(run.step(FrameSet.at_rate(k, HZ, room.images(MESH, pose_at(MESH, 0.01 * k)))).people[ALONE].row)
     overlaps = [value for row in rows for value in row.overlap.values()]
     assert run.summary_of(ALONE)["median_overlap"] == pytest.approx(np.median(overlaps), abs=5e-5)
+    shown = [value for row in rows for value in row.shown.values()]
+    assert len(shown) == len(overlaps)
+    assert 0 < min(shown) <= max(shown) <= 1
+    assert run.summary_of(ALONE)["median_shown"] == pytest.approx(np.median(shown), abs=5e-5)
     assert (run.frames, run.summary()["frames"]) == (6, 6)
     del rows
     gc.collect()

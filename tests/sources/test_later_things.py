@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from mocapella.errors import SettingsError
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.sources.simulate.body_motion import body_motion
-from mocapella.sources.simulate.later_things import boxes, seated_things
+from mocapella.sources.simulate.later_things import SURROUNDINGS, boxes, seated_things
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 MESH = body_mesh("male", 1.78)
@@ -47,6 +48,41 @@ def test_things_are_in_the_images_and_neither_in_the_empty_room_nor_in_the_masks
         assert np.array_equal(mask, (covered.people >= 0) & ~thing)
         differs = np.abs(image.astype(int) - empty).max(axis=-1) > 20
         assert differs[thing].mean() > 0.5
+
+
+@pytest.mark.parametrize("name", SURROUNDINGS)
+def test_surroundings_are_about_the_legs_and_not_in_the_body(name):
+    for thing in seated_things(MESH, MOTION, name)[3:]:
+        vertices = thing.vertices(1.9)
+        assert vertices[:, 1].min() > -1e-9
+        assert vertices[:, 1].max() < 1.0
+        assert np.linalg.norm(vertices.mean(axis=0)[[0, 2]]) < 1.5
+
+
+def test_what_comes_later_is_not_there_before_and_moves_to_its_place():
+    pushed, put = seated_things(MESH, MOTION, "later")[3:]
+    for thing in (pushed, put):
+        assert np.ptp(thing.vertices(thing.comes_s - 0.01), axis=0).max() == 0.0
+        begin, end = (thing.vertices(thing.comes_s + late) for late in (0.0, thing.lasts_s))
+        assert np.allclose((begin - end)[0], thing.begin_m)
+        assert np.allclose(end, thing.vertices(9.0))
+
+
+def test_unknown_surroundings_are_refused_and_the_known_ones_named():
+    with pytest.raises(SettingsError, match=r"'tabel'.*'?table"):
+        silhouette_scene("sits", size_px=(64, 48), fps=10, seconds=0.3, surroundings="tabel")
+    with pytest.raises(SettingsError, match="surroundings"):
+        silhouette_scene("walk", size_px=(64, 48), fps=10, seconds=0.3, surroundings="table")
+
+
+def test_a_dark_room_is_dark_and_the_person_is_not():
+    dark, usual = (
+        silhouette_scene("sits", seed=3, size_px=(160, 120), fps=10, seconds=0.3, surroundings=name)
+        for name in ("dark", "chair")
+    )
+    assert np.mean(dark.background()[0]) < 0.5 * np.mean(usual.background()[0])
+    mask = dark.masks(0)[0]
+    assert np.mean(dark.images(0)[0][mask]) > 0.8 * np.mean(usual.images(0)[0][mask])
 
 
 def test_scenes_of_other_motions_have_no_things():

@@ -98,3 +98,28 @@ def test_a_wrong_frame_has_little_of_the_picture(kind: str) -> None:
 def test_what_cannot_be_is_said(wrong: dict[str, Any], says: str) -> None:
     with pytest.raises(SettingsError, match=says):
         Corruption(**wrong)
+
+
+def test_blocks_are_coarser_the_larger_their_steps_are_and_keep_their_mean() -> None:
+    smooth = np.repeat(np.add.outer(np.arange(61), np.arange(75))[:, :, None], 3, axis=2).astype(np.uint8)
+    far = []
+    for levels in (5.0, 20.0, 80.0):
+        coarse = Corruption(blocks=levels).of(smooth, 0)
+        assert coarse.shape == smooth.shape
+        assert np.abs(coarse.mean() - smooth.mean()) < levels / 16
+        far.append(np.abs(coarse.astype(int) - smooth).mean())
+    assert far == sorted(far)
+    assert far[0] < 2 < far[2]
+
+
+def test_blocks_do_not_know_of_each_other() -> None:
+    image = IMAGE.copy()
+    image[8:16, 16:24] = 255
+    differ = (Corruption(blocks=30.0).of(image, 0) != Corruption(blocks=30.0).of(IMAGE, 0)).any(axis=-1)
+    rows, columns = np.nonzero(differ)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (8, 15, 16, 23)
+
+
+def test_blocks_out_of_range_are_refused() -> None:
+    with pytest.raises(SettingsError, match="blocks"):
+        Corruption(blocks=-1.0)

@@ -478,6 +478,28 @@ def _seated_error_m(*, there):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("surroundings", ["table", "screen"])
+def test_legs_that_no_image_shows_stay_where_they_are_and_are_doubted(surroundings):
+    scene = silhouette_scene("sits", seed=3, size_px=(322, 243), fps=25, seconds=0.6, surroundings=surroundings)
+    names, marks = list(scene.rig.cameras), list(scene.mesh.landmarks)
+    legs = [k for k, name in enumerate(marks) if name.endswith("ankle")]
+    worst = {}
+    for still_m in (Steadiness().still_m, 1e3):
+        tracker = BodyFitter(scene.mesh, scene.rig, SilhouetteSettings(steadiness=Steadiness(still_m=still_m)))
+        tracker.start(scene.pose(0), -40_000_000, there=True)
+        for _ in range(3):
+            tracker.learn_background(dict(zip(names, scene.background(), strict=True)))
+        for k in range(len(scene)):
+            found = tracker.update(dict(zip(names, scene.images(k), strict=True)), k * 40_000_000)
+            if still_m < 1:
+                assert not found.supported[legs].any()
+        worst[still_m] = np.linalg.norm(found.landmarks - scene.landmarks(k), axis=1)[legs].max()
+    good, bad = worst.values()
+    assert good < 0.05
+    assert bad > 2 * good, "the fault that the test must show"
+
+
+@pytest.mark.slow
 def test_legs_are_not_fitted_to_a_chair_that_came_after_the_room_was_learnt():
     assert _seated_error_m(there=True) < 0.05
     assert _seated_error_m(there=False) > 0.1, "the fault that the test must show"

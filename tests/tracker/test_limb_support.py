@@ -1,5 +1,7 @@
 """Which landmarks of the limbs images support."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from support.silhouette_room import Room, bent
@@ -8,7 +10,14 @@ from mocapella.conventions import NS_PER_S
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.rigged_mesh import landmarks_at, posed
-from mocapella.tracker.limb_support import LASTS_S, LimbSupport, OutlineEvidence, SupportConditions, evidence_at
+from mocapella.tracker.limb_support import (
+    LASTS_S,
+    LEAST_NATS,
+    LimbSupport,
+    OutlineEvidence,
+    SupportConditions,
+    evidence_at,
+)
 
 ROOM = Room()
 POSE = bent(ROOM.mesh, {"left knee flexion": 30.0})
@@ -50,6 +59,22 @@ def test_a_leg_without_evidence_in_all_images_is_named_and_one_image_is_enough()
     assert lacking([*hidden[1:], evidence()[0]]) == set()
 
 
+def test_an_edge_that_crosses_the_outline_does_not_support_it():
+    def crossed(outline):
+        return np.where(np.arange(len(outline.at)) % 4 == 0, 3.0, 0.0)
+
+    assert LEFT_LEG & lacking(evidence(crossed)) == LEFT_LEG
+
+
+def test_the_shown_share_is_of_the_outlines_length_and_unknown_without_any():
+    one = evidence()[0]
+    half = np.cumsum(one.lengths_m) <= 0.5 * one.lengths_m.sum()
+    part = OutlineEvidence(one.outline, np.where(half, LEAST_NATS, 0.0), one.lengths_m)
+    assert one.shown == 1.0
+    assert part.shown == pytest.approx(0.5, abs=0.02)
+    assert np.isnan(OutlineEvidence(one.outline, one.nats[:0], one.lengths_m[:0]).shown)
+
+
 @pytest.mark.parametrize("shift", [0, 9, -9])
 def test_evidence_counts_only_where_the_image_has_its_contour_at_the_models(shift):
     outline = evidence()[0].outline
@@ -66,7 +91,7 @@ def test_evidence_for_the_other_side_takes_away_from_that_for_this_side():
 
 
 def conditions():
-    return SupportConditions({"anna": ("left knee", "left ankle")})
+    return SupportConditions({"anna": {"left knee": 1, "left ankle": 2}})
 
 
 def frames(said, supported, begin=0, count=60):
@@ -86,8 +111,11 @@ def test_landmarks_without_support_are_reported_once_they_lack_it_for_long_and_w
         "from frame 0 on: no image shows anna's left ankle: predicted, not measured"
     ]
     assert said.lasting == ["no image shows anna's left ankle: predicted, not measured"]
-    assert frames(said, [True, True], 100) == ["frame 100: images show all limbs of anna again"]
+    assert frames(said, [True, True], 100, few) == []
+    assert said.lasting != [], "not before it has lasted"
+    assert frames(said, [True, True], 100 + few, 5) == ["frame 100: images show all limbs of anna again"]
     assert said.lasting == []
+    assert frames(said, [True, True], 130) == []
 
 
 def test_a_short_time_without_support_starts_anew_after_an_image_has_shown_the_limb():
@@ -97,17 +125,45 @@ def test_a_short_time_without_support_starts_anew_after_an_image_has_shown_the_l
         assert frames(said, [True, True], begin + 20, 1) == []
 
 
+def test_a_limb_that_shows_now_and_then_is_said_once():
+    said = conditions()
+    some = frames(said, [True, False])
+    for begin in range(60, 300, 30):
+        some += frames(said, [True, True], begin, 10) + frames(said, [True, False], begin + 10, 20)
+    assert len(some) == 1
+
+
+def test_who_leaves_and_comes_again_begins_anew():
+    said = conditions()
+    frames(said, [True, False])
+    assert said.update(60, 60 * NS_PER_S // 50, {}) == []
+    assert said.lasting == []
+    assert frames(said, [True, True], 61) == [], "nothing is again as it was for who has just come"
+    assert frames(said, [True, False], 121, round(LASTS_S * 50)) == []
+
+
+def test_a_part_of_which_one_landmark_shows_is_not_reported():
+    said = SupportConditions({"": {"wrist": 3, "fingertip": 3, "knee": 4}})
+    of = {"": np.array([True, False, True])}
+    assert [text for k in range(60) for text in said.update(k, k * NS_PER_S // 50, of)] == []
+    of = {"": np.array([False, False, True])}
+    said_now = [text for k in range(60, 120) for text in said.update(k, k * NS_PER_S // 50, of)]
+    assert said_now == ["from frame 60 on: no image shows wrist, fingertip: predicted, not measured"]
+
+
 def test_conditions_go_on_from_their_memory():
     said, other = conditions(), conditions()
     frames(said, [False, True])
-    other.recall(said.memory())
+    frames(said, [True, True], 60, 20)
+    other.recall(deepcopy(said.memory()))
     assert other.lasting == said.lasting != []
+    assert frames(other, [True, True], 80) == frames(said, [True, True], 80) != []
 
 
-def test_the_joints_of_parts_that_no_image_shows_are_hidden_and_no_others():
+def test_parts_that_no_image_shows_are_hidden_and_no_others():
     support = LimbSupport(ROOM.mesh, 1.0)
     shown = np.array([name not in LEFT_LEG for name in MARKS])
-    hidden = support.hidden_joints(shown)
-    names = {name for name, one in zip(ROOM.mesh.joint_names, hidden.tolist(), strict=True) if one}
-    assert names == {name for name in ROOM.mesh.joint_names if name.startswith(("left hip", "left knee", "left ankle"))}
-    assert not support.hidden_joints(np.ones(len(MARKS), bool)).any()
+    hidden = support.hidden_parts(shown)
+    names = {name for name, one in zip(ROOM.mesh.part_names, hidden.tolist(), strict=True) if one}
+    assert names == {"left thigh", "left shank", "left foot"}
+    assert not support.hidden_parts(np.ones(len(MARKS), bool)).any()

@@ -177,11 +177,17 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
     camera = fitter._cameras["c1"]
     for part, made_anew in (
         (tracker, {"bodies", "rig", "_waiting", "_sync", "_fitters", "_presence", "_conditions", "_rig_check", "_room",
-                   "_scenes", "_places", "_support", "_sizes", "seen"} | set(_own_memory())),
+                   "_scenes", "_places", "seen", "_support", "_sizes"} | set(_own_memory())),
         (tracker._sync, {"settings", "_names", "_cameras", "_first_ns", "_now_ns", "_last_ns", "used", "dropped"}),
         (tracker._fitters, {"fitters", "others", "_followed"}),
         (fitter, {"settings", "mesh", "body", "eyes", "_usual", "_past", "_missed", "_as_expected", "_dead", "_surface",
-                  "_limb_recovery", "_cameras", "_support", "_there", "_hidden"}),
+                  "_limb_recovery", "_cameras", "_support", "_there", "_hidden_parts", "_stillness"}),
+        (fitter._support, {"_least_nats", "_parts", "_part", "_count"}),
+        (fitter._stillness, {"_body", "_points", "_part", "_parts", "_skin_part", "_still", "_anchors", "_settling",
+                             "_last", "_start", "_near_start"}),
+        (camera.changes, {"step_px", "_older", "_newer", "_older_ns", "_newer_ns"}),
+        (camera.things, {"_things"}),
+        (tracker._support, {"_landmarks", "_parts", "_since", "_said", "_until"}),
         (fitter._limb_recovery, {"_body", "_settings", "_limbs", "_whole", "_hung", "_points", "_limb_of", "_rng",
                                  "_frame", "_asked", "_evidence"}),
         (fitter._surface, {"_body", "_steadiness", "_part", "_last", "_onward", "_weights", "_speed", "_acceleration",
@@ -189,7 +195,7 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
         (fitter._dead, {"_last", "_same"}),
         (camera, {"_eye", "step_px", "_settings", "_region", "_closer", "_wide_region", "_wide_correspondences",
                   "_usual_reach", "background", "wide", "usually", "covers", "_window", "_looked", "_outline",
-                  "_prior", "_found", "_image"}),
+                  "_prior", "_found", "_image", "changes", "things"}),
         (camera.usually, {"_mean", "_deviation", "_else_since_ns"}),
         (camera.background, {"settings", "step_px", "_mean", "_variance", "_count", "_next_row", "_learnt", "_shape",
                              "_first_sd"}),
@@ -245,7 +251,8 @@ def test_a_body_says_what_is_to_be_drawn_and_which_landmarks_are_seen():
     doubted = {
         name for name, state in zip(body.landmark_names, body.states, strict=True) if state != JointState.TRACKED
     }
-    assert doubted <= {"right hand", "right fingertip"}, "in pictures this small, that hand is 8 cm off"
+    ends = ("wrist", "hand", "fingertip", "ankle", "heel", "toe")
+    assert all(name.endswith(ends) for name in doubted), "in pictures this small, these are two samples wide"
     assert [view.camera for view in body.views] == list(RIG.cameras)
     true = silhouettes_of(MESH, RIG, pose_at(MESH))
     for view in body.views:

@@ -12,6 +12,7 @@ from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist
 from mocapella.kinematics.twist_fit import fit
 from mocapella.model.twist_tree import TreePose, motions
+from mocapella.tracker.limb_stillness import HeldPoints
 from mocapella.tracker.silhouette_body import SKIN_POINTS, SilhouetteBody
 from mocapella.tracker.silhouette_settings import Steadiness
 from mocapella.tracker.surface_prior import AT_FIRST_M_PER_S, LATELY_S, SurfacePrior
@@ -40,6 +41,18 @@ def at_rest(steadiness=USUAL):
         skin.learn(standing())
     skin.expect(standing(), SINCE_S, PER_S2)
     return skin
+
+
+def test_points_that_are_held_are_wanted_where_they_came_to_rest_and_others_where_expected():
+    skin, stands = at_rest(), standing()
+    points = np.arange(len(BODY.skin)) % 2 == 0
+    before = given_to(skin, stands)
+    skin.hold(HeldPoints(points, stands.vertices[BODY.skin] + 0.1))
+    wanted = given_to(skin, stands)
+    assert np.allclose(wanted.targets[points], stands.vertices[BODY.skin][points] + 0.1)
+    assert np.array_equal(wanted.targets[~points], before.targets[~points])
+    assert (wanted.weights[points] >= USUAL.still_m**-2).all()
+    assert np.array_equal(wanted.weights[~points], before.weights[~points])
 
 
 @settings(max_examples=20, deadline=None)

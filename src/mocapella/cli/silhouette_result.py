@@ -157,15 +157,17 @@ def show(run: SilhouetteRun, out: Console, summary: Mapping[str, Any] = MappingP
     """Print a table of the run, with the counts of the images' source."""
     named = [name for name in run.statistics if name]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1), show_edge=False)
-    for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "left out"):
+    for words in (*(["person"] if named else []), "camera", "frames", "overlap", "least", "shown", "left out"):
         table.add_column(words, justify="left" if words in ("person", "camera") else "right")
     for person, body in run.statistics.items():
         for k, name in enumerate(run.rig.cameras):
             overlaps = body.overlaps.get(name)
             median, least = (f"{overlaps.median:.1%}", f"{overlaps.least:.1%}") if overlaps else ("–", "–")
+            shares = body.shown.get(name)
+            shown = f"{shares.median:.1%}" if shares else "–"
             whose = [Text(person if k == 0 else "")] if named else []
             counted = str(len(overlaps)) if overlaps else "0"
-            table.add_row(*whose, name, counted, median, least, str(body.left_out[name]))
+            table.add_row(*whose, name, counted, median, least, shown, str(body.left_out[name]))
     out.print(table)
     if run.frames:
         lost = {name: body.lost for name, body in run.statistics.items()}

@@ -200,6 +200,7 @@ class SilhouetteRun:
             left_out=fit.left_out,
             lost=one.lost,
             unsupported=unsupported(fit, tuple(mesh.landmarks)),
+            shown={camera: seen.shown for camera, seen in fit.seen.items()},
         )
 
     def note(self, text: str) -> None:

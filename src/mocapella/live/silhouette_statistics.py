@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Final
 
 from mocapella.recording.bodies_file import FollowedFrame
@@ -62,12 +63,14 @@ class BodyStatistics:
         unsupported: number of frames in which no image shows a joint, by its name.
         left_out: number of frames with an unused or missing image, by camera.
         overlaps: intersection over union of the model's and the image's silhouettes, by camera.
+        shown: share of the model's outline for which the image has evidence, by camera.
     """
 
     def __init__(self) -> None:
         self.frames = self.lost = 0
         self.left_out, self.unsupported = Counter[str](), Counter[str]()
         self.overlaps: dict[str, BinnedValues] = {}
+        self.shown: dict[str, BinnedValues] = {}
 
     def add(self, row: FollowedFrame) -> None:
         """Add one frame's result: whether the body is lost, the unused images, and the overlaps by camera."""
@@ -77,17 +80,25 @@ class BodyStatistics:
         self.unsupported.update(row.unsupported)
         for camera, overlap in row.overlap.items():
             self.overlaps.setdefault(camera, BinnedValues(STEP)).add(overlap)
+        for camera, share in row.shown.items():
+            self.shown.setdefault(camera, BinnedValues(STEP)).add(share)
 
     def summary(self) -> dict[str, object]:
-        """Return the statistics in the form of ``--json``; the median overlap is over all cameras, None without any."""
-        whole = BinnedValues(STEP)
-        for one in self.overlaps.values():
-            whole += one
-        median = whole.median
+        """Return the statistics in the form of ``--json``; medians are over all cameras, None without any."""
         return {
             "frames": self.frames,
             "lost": self.lost,
             "left_out": dict(self.left_out),
             "unsupported": dict(self.unsupported),
-            "median_overlap": None if median is None else round(median, 4),
+            "median_overlap": _median(self.overlaps),
+            "median_shown": _median(self.shown),
         }
+
+
+def _median(of: Mapping[str, BinnedValues]) -> float | None:
+    """Return the median over all cameras; None without values."""
+    whole = BinnedValues(STEP)
+    for one in of.values():
+        whole += one
+    median = whole.median
+    return None if median is None else round(median, 4)

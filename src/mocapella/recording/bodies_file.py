@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -45,6 +46,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost; the pose is then the last known one, or at first the initial one.
         unsupported: names of the joints that no image shows; they are predicted, not measured.
+        shown: share of the model's outline for which the image has evidence, by camera that saw the body.
     """
 
     frame: int
@@ -56,6 +58,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     left_out: dict[str, str]
     lost: bool = False
     unsupported: tuple[str, ...] = ()
+    shown: dict[str, float] = {}
 
     def pose(self, joint_names: Sequence[str]) -> TreePose:
         """Return the pose for a body model with the named joints; a joint that the file lacks has angle 0."""
@@ -74,6 +77,7 @@ def frame_of(
     left_out: Mapping[str, str],
     lost: bool,
     unsupported: Sequence[str] = (),
+    shown: Mapping[str, float] = MappingProxyType({}),
 ) -> FollowedFrame:
     """Return a body's pose in one frame in the form of the file.
 
@@ -87,6 +91,7 @@ def frame_of(
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost.
         unsupported: names of the landmarks that no image shows.
+        shown: share of the model's outline for which the image has evidence, by camera; rounded, and NaN left out.
     """
     twist = tuple(float(x) for x in log_motion(pose.T_world_model))
     angles = dict(zip(joint_names, pose.angles.tolist(), strict=True))
@@ -94,6 +99,7 @@ def frame_of(
     return FollowedFrame(
         frame, time_s, twist, angles, joints,  # type: ignore[arg-type]
         {name: round(float(value), 4) for name, value in overlap.items()}, dict(left_out), lost, tuple(unsupported),
+        {name: round(float(value), 4) for name, value in shown.items() if not math.isnan(value)},
     )  # fmt: skip
 
 

@@ -34,8 +34,9 @@ from mocapella.sensing.dead_images import DeadImages
 from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
 from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
+from mocapella.tracker.limb_stillness import HeldPoints, LimbStillness
 from mocapella.tracker.limb_support import LimbSupport
-from mocapella.tracker.silhouette_body import SilhouetteBody
+from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 from mocapella.tracker.surface_prior import SurfacePrior
@@ -93,6 +94,7 @@ class BodyFitter:
         self.mesh = mesh
         self.body = SilhouetteBody(mesh)
         self._support = LimbSupport(mesh)
+        self._stillness = LimbStillness(self.body)
         self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
@@ -104,7 +106,8 @@ class BodyFitter:
         self._cameras: dict[str, SilhouetteCamera] = {}
         self._dead = DeadImages()
         self._missed = self._as_expected = self._there = False
-        self._hidden = np.zeros(len(self._usual), np.bool_)
+        self._hidden_parts = np.zeros(len(self.mesh.tree.parents), np.bool_)
+        self._stillness.reset()
         if self._limb_recovery is not None:
             self._limb_recovery.reset()
 
@@ -115,16 +118,17 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected, self._there, self._hidden]
-        return [state, self._dead.memory(), self._surface.memory(), limbs, cameras]
+        state = [self._past, self._missed, self._as_expected, self._there, self._hidden_parts]
+        return [state, self._dead.memory(), self._surface.memory(), self._stillness.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
-        state, dead, surface, limbs, cameras = memory
-        self._past, self._missed, self._as_expected, self._there, self._hidden = state
+        state, dead, surface, stillness, limbs, cameras = memory
+        self._past, self._missed, self._as_expected, self._there, self._hidden_parts = state
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
+        self._stillness.recall(stillness)
         if self._limb_recovery is not None:
             self._limb_recovery.recall(limbs)
         self._cameras = {
@@ -148,7 +152,8 @@ class BodyFitter:
             SettingsError: no camera sees the body there, at the first start.
         """
         self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
-        self._hidden = np.zeros(len(self._usual), np.bool_)
+        self._hidden_parts = np.zeros(len(self.mesh.tree.parents), np.bool_)
+        self._stillness.reset()
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
         steps = {name: camera.step_px for name, camera in self._cameras.items()}
@@ -214,12 +219,13 @@ class BodyFitter:
         s = self.settings
         expected = pose = self.expected(time_ns)
         expected_at = self.body.standing(expected).vertices
-        usual, steady = self._priors(expected, time_ns)
         first = len(self._past) == 1
         wide = first or self._missed
         rejects = s.rejection != "none"
         left_out = self._dead.update(images) if rejects else {}
         images = {name: without_speckles(image) for name, image in images.items()}
+        held = self._held(images, left_out, time_ns)
+        usual, steady = self._priors(expected, time_ns, held)
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = wide
@@ -233,10 +239,14 @@ class BodyFitter:
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
-        if self._there:
+        sure = self._there
+        if sure:
+            self._stillness.certain(self.body.standing(expected))
             for name in (name for name in usable if name in there):
                 there[name].forget_things(usable[name], others.get(name))
             self._there = not usable
+        people = others
+        others = _ignored({name: camera for name, camera in there.items() if name in usable}, usable, people)
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
@@ -248,29 +258,23 @@ class BodyFitter:
         pose = self._fitted(
             usable, others, pose, priors=(usual, steady), rounds=rounds, segmented=segmented, begun=not first
         )
-        recovery = self._limb_recovery
-        found = None if recovery is None else recovery.found(pose, usable, others, self._segmented())
-        if found is not None:
-            joints, pose = found
-            # The wrong positions of such a limb carry no information about its motion.
-            self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
-            priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
-            pose = self._fitted(usable, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
-        stands, seen, evidence = self.body.standing(pose), {}, []
+        if first and sure:
+            pose = self._fitted_as_started(usable, others, pose, expected, rounds=rounds, segmented=segmented)
+        pose = self._with_limbs_found(usable, others, pose, expected, time_ns)
+        stands, seen = self.body.standing(pose), {}
+        supported = self._supported(stands)
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, camera in self._segmented().items():
             if camera.look(self.body.figure, stands.vertices, s):
                 seen[name] = msgspec.structs.replace(camera.seen(), stands_out=camera.stands_out())
-                evidence.append(camera.support())
-                camera.learn(images[name], others.get(name))
+                camera.learn(images[name], people.get(name))
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
             last_ns, last = self._past[-1]
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
             self._surface.learn(stands)
         self._missed = not seen
-        supported = self._support.supported(stands.landmarks, evidence)
-        self._hidden = self._support.hidden_joints(supported)
+        self._hidden_parts = self._support.hidden_parts(supported)
         return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported)
 
     def _fitted(
@@ -314,7 +318,7 @@ class BodyFitter:
                 if camera.segmented:
                     given.append(camera.planes(moved))
             held = steady
-            if len(given) > 1 and steady:
+            if len(given) > 1 and s.steadiness is not None:
                 held = beside_surface
                 given.append(self._surface.steady(stands, moved))
             given.append(apart(self.body.solid, stands.landmarks, moved))
@@ -325,6 +329,59 @@ class BodyFitter:
             pose = local.back(fit(local.tree, local.at, given, local_priors, FitSettings(most_steps=3)).pose)
             number += 1
         return pose
+
+    def _with_limbs_found(
+        self,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        pose: TreePose,
+        expected: TreePose,
+        time_ns: int,
+    ) -> TreePose:
+        """Return the frame's pose with misplaced limbs recovered; not those that are as at a certain start."""
+        s, recovery = self.settings, self._limb_recovery
+        if recovery is None:
+            return pose
+        found = recovery.found(
+            pose, images, others, self._segmented(), self._stillness.as_started & ~self._hidden_parts
+        )
+        if found is None:
+            return pose
+        joints, pose = found
+        self._stillness.release(self.mesh.tree.joint_parts[joints])
+        # The wrong positions of such a limb carry no information about its motion.
+        self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
+        priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
+        return self._fitted(images, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
+
+    def _fitted_as_started(
+        self,
+        images: Mapping[str, UInt8],
+        others: Mapping[str, Bool],
+        pose: TreePose,
+        started: TreePose,
+        *,
+        rounds: int,
+        segmented: int,
+    ) -> TreePose:
+        """Return the first frame's pose with parts that no image shows as they were at the start, which is certain."""
+        supported = self._supported(self.body.standing(pose))
+        hidden = self._support.hidden_parts(supported)
+        if not hidden.any():
+            return pose
+        points = hidden[self.body.figure.part[self.body.skin]]
+        held = HeldPoints(points, self.body.standing(started).vertices[self.body.skin])
+        priors = self._priors(started, self._past[-1][0], held)
+        return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
+
+    def _supported(self, stands: Standing) -> Bool:
+        """Return whether images support each landmark of the body; the cameras look for it where it is."""
+        evidence = [
+            camera.support()
+            for camera in self._segmented().values()
+            if camera.look(self.body.figure, stands.vertices, self.settings)
+        ]
+        return self._support.supported(stands.landmarks, evidence)
 
     def _segmented(self) -> dict[str, SilhouetteCamera]:
         """Return the cameras whose images of this frame were segmented and show the body."""
@@ -365,23 +422,47 @@ class BodyFitter:
         camera = self._cameras.get(name)
         return None if camera is None else camera.foreground(without_speckles(image), others)
 
-    def _priors(self, expected: TreePose, time_ns: int) -> tuple[Prior, Sequence[Prior]]:
+    def _held(self, images: Mapping[str, UInt8], left_out: Mapping[str, str], time_ns: int) -> HeldPoints:
+        """Return the points of the body that are still, by the changes of the images."""
+        used = {name: self._cameras[name] for name in images if name in self._cameras and name not in left_out}
+        changes = {name: camera.changed(images[name], time_ns) for name, camera in used.items()}
+        known = {name: one for name, one in changes.items() if one is not None}
+        return self._stillness.update(self.body.standing(self._past[-1][1]), known, len(used))
+
+    def _priors(
+        self, expected: TreePose, time_ns: int, held: HeldPoints | None = None
+    ) -> tuple[Prior, Sequence[Prior]]:
         """Return the prior of usual angles, and the priors of smooth motion."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
         # A limb that no image shows comes to rest where it is: a seated person's legs are not drawn to a stand.
-        centre = np.where(self._hidden, self._past[-1][1].angles, self._usual)
+        hidden = self._hidden_parts[self.mesh.tree.joint_parts]
+        centre = np.where(hidden, self._past[-1][1].angles, self._usual)
         usual = Prior(TreePose(expected.T_world_model, centre), 0.0, 0.0, weak)
-        if s.steadiness is None or len(self._past) < 2:
+        if s.steadiness is None:
+            return usual, ()
+        if len(self._past) < 2:
+            if held is not None:
+                self._surface.hold(held)
             return usual, ()
         (before_ns, _), (last_ns, last) = self._past
         since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
         per_s2 = 2.0 / (since_s * (since_s + before_s))
         self._surface.expect(self.body.standing(expected), since_s, per_s2)
+        if held is not None:
+            self._surface.hold(held)
         penalty = s.steadiness.penalty(per_s2)
         turns = np.zeros(len(self._usual))
         turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)
         return usual, (smoothness(self.mesh.tree, expected, penalty), Prior(last, 0.0, 0.0, turns))
+
+
+def _ignored(
+    cameras: Mapping[str, SilhouetteCamera], images: Mapping[str, UInt8], people: Mapping[str, Bool]
+) -> dict[str, Bool]:
+    """Return the pixels (height, width) that are no evidence, of other people and passing things, by camera."""
+    found = {name: camera.ignored(images[name], people.get(name)) for name, camera in cameras.items()}
+    return {name: mask for name, mask in found.items() if mask is not None}
 
 
 REMEMBERED: Final[tuple[type, ...]] = (TreePose, Evidence, Eye)

@@ -86,6 +86,7 @@ class LimbRecovery:
         images: Mapping[str, UInt8],
         others: Mapping[str, Bool],
         cameras: Mapping[str, SilhouetteCamera],
+        settled: Bool | None = None,
     ) -> tuple[NDArray[np.int64], TreePose] | None:
         """Search the suspect limbs; return the joints of the moved limbs, and the corrected pose.
 
@@ -94,6 +95,8 @@ class LimbRecovery:
             images: (height, width) or (height, width, 3) uint8 BGR, of each camera of ``cameras``, by name.
             others: (height, width) masks of other people, by camera, where nothing is known of this body.
             cameras: the cameras in whose images the body was segmented, by name.
+            settled: (parts,) bool, whether a part is not to be moved; a limb is not searched if all of its parts are.
+                None: no part.
 
         Returns:
             Indices (k,) of the joint angles that changed, and the new pose; None if no limb was moved.
@@ -107,6 +110,9 @@ class LimbRecovery:
             if camera.background is not None and camera.shows_all(stands.vertices)
         }
         doubtful, due = self._doubtful(images, seeing, stands), self._due(self._frame)
+        if settled is not None:
+            at_rest = {limb.name for limb in self._limbs if settled[self._body.figure.part[limb.vertices]].all()}
+            doubtful, due = doubtful - at_rest, due - at_rest
         wanted = (doubtful | due) & self._asked
         self._asked = doubtful | self._due(self._frame + 1)
         about = self._about(self._asked | wanted, pose)

@@ -26,8 +26,10 @@ Bool = NDArray[np.bool_]
 NEAR_M: Final = 0.2
 """Largest distance of a landmark's evidence from it, along its limb [m]."""
 LEAST_M: Final = 0.12
-"""Least length of outline with evidence, over all cameras, that supports a landmark [m]."""
-LEAST_NATS: Final = 0.25
+"""Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
+LEAST_SHARE: Final = 0.5
+"""A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
+LEAST_NATS: Final = 1.0
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
 BESIDE_STEPS: Final = 1.5
 """Distance from the outline of the samples that are compared, inwards and outwards [samples]."""
@@ -52,6 +54,12 @@ class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
     nats: Float64
     lengths_m: Float64
 
+    @property
+    def shown(self) -> float:
+        """Share of the model's outline that the image shows, 0 to 1; NaN if the image has none of it."""
+        whole = float(self.lengths_m.sum())
+        return float(self.lengths_m[self.nats >= LEAST_NATS].sum()) / whole if whole > 0 else float("nan")
+
 
 class LimbSupport:
     """Measures which landmarks of one body's limbs the images support.
@@ -63,7 +71,7 @@ class LimbSupport:
 
     def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
         self._least_nats = least_nats
-        parents, joint_parts = mesh.tree.parents, mesh.tree.joint_parts
+        parents = mesh.tree.parents
         chains = [parts for _, parts in limbs_of(mesh.tree)]
         ends = [
             parts.tolist()
@@ -73,7 +81,7 @@ class LimbSupport:
         of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
         self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
         self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
-        self._joint_parts, self._count = joint_parts, len(parents)
+        self._count = len(parents)
 
     def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
         """Return whether images support each landmark (n,); True for all that are not judged.
@@ -84,21 +92,22 @@ class LimbSupport:
         """
         length = np.zeros(len(landmarks))
         for one in evidence:
-            sure = one.nats >= self._least_nats
-            points, part, metres = one.outline.points[sure], one.outline.part[sure], one.lengths_m[sure]
+            points, part, metres = one.outline.points, one.outline.part, one.lengths_m
+            sure = np.where(one.nats >= self._least_nats, metres, 0.0)
             for k, parts in enumerate(self._parts):
                 if parts:
-                    near = ((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2
-                    length[k] += metres[near & np.isin(part, parts)].sum()
+                    near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
+                    shown = sure[near].sum()
+                    length[k] += shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
         judged = np.array([bool(parts) for parts in self._parts], np.bool_)
         return ~judged | (length >= LEAST_M)
 
-    def hidden_joints(self, supported: Bool) -> Bool:
-        """Return the joints (joints,) that rotate a part none of whose landmarks is ``supported`` (n,)."""
+    def hidden_parts(self, supported: Bool) -> Bool:
+        """Return the parts (parts,) none of whose landmarks is ``supported`` (n,); False for parts without any."""
         with_marks, shown = np.zeros(self._count, np.bool_), np.zeros(self._count, np.bool_)
         with_marks[self._part] = True
         shown[self._part[supported]] = True
-        return np.asarray((with_marks & ~shown)[self._joint_parts])
+        return with_marks & ~shown
 
 
 def evidence_at(outline: Outline, phi: Float32, surety: Float32) -> Float64:
@@ -128,28 +137,33 @@ def _nearest(values: Float32, outline: Outline, at: Float64) -> Float32:
 
 
 class SupportConditions:
-    """Reports which landmarks no image has supported for `LASTS_S`, by body.
+    """Reports parts of limbs that no image has supported for `LASTS_S`, by their landmarks, and the end of that.
+
+    A part is without support if all of its landmarks are. A fingertip alone is no limb: in small pictures it is
+    narrower than a sample, so its support comes and goes. Who leaves the images, or comes, begins anew.
 
     Args:
-        landmarks: the names of each body's landmarks, by the body's name.
+        landmarks: the part of each body's landmarks, by the landmark's and the body's name.
     """
 
-    def __init__(self, landmarks: Mapping[str, Sequence[str]]) -> None:
+    def __init__(self, landmarks: Mapping[str, Mapping[str, int]]) -> None:
         self._landmarks = {name: tuple(some) for name, some in landmarks.items()}
+        self._parts = {name: np.array([*some.values()], np.int64) for name, some in landmarks.items()}
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self._since: dict[tuple[str, str], tuple[int, int]] = {}
         self._said: dict[str, list[str]] = {}
+        self._until: dict[str, tuple[int, int]] = {}
 
     def memory(self) -> list[object]:
         """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
-        return [self._since, self._said]
+        return [self._since, self._said, self._until]
 
     def recall(self, memory: Sequence[dict]) -> None:  # type: ignore[type-arg]
         """Restore the state that `memory` returned, without copying it."""
-        self._since, self._said = memory
+        self._since, self._said, self._until = memory
 
     @property
     def lasting(self) -> Sequence[str]:
@@ -166,22 +180,38 @@ class SupportConditions:
         """
         notes: list[str] = []
         for name, marks in self._landmarks.items():
-            now = supported.get(name)
+            if name not in supported:
+                self._forget(name)
+                continue
+            parts = self._parts[name]
+            shown = np.isin(parts, parts[supported[name]])
             lacking: list[str] = []
             since = number
-            for mark, has in zip(marks, () if now is None else now.tolist(), strict=now is not None):
+            for mark, has in zip(marks, shown.tolist(), strict=True):
                 if has:
                     self._since.pop((name, mark), None)
                     continue
                 begun_ns, begun = self._since.setdefault((name, mark), (time_ns, number))
                 if time_ns - begun_ns >= LASTS_S * NS_PER_S:
                     lacking, since = [*lacking, mark], min(since, begun)
-            before, self._said[name] = self._said.get(name, []), lacking
+            before = self._said.get(name, [])
+            if not shown.all():
+                self._until.pop(name, None)
             if set(lacking) - set(before):
-                notes.append(f"from frame {since} on: {_clause(name, lacking)}")
-            elif before and not lacking and now is not None:
-                notes.append(f"frame {number}: images show all limbs{f' of {name}' if name else ''} again")
+                # What was said stays said until all limbs show, for as long: else it would be said again and again.
+                self._said[name] = [mark for mark in marks if mark in lacking or mark in before]
+                notes.append(f"from frame {since} on: {_clause(name, self._said[name])}")
+            elif before and shown.all():
+                begun_ns, begun = self._until.setdefault(name, (time_ns, number))
+                if time_ns - begun_ns >= LASTS_S * NS_PER_S:
+                    notes.append(f"frame {begun}: images show all limbs{f' of {name}' if name else ''} again")
+                    self._forget(name)
         return notes
+
+    def _forget(self, name: str) -> None:
+        self._said.pop(name, None)
+        self._until.pop(name, None)
+        self._since = {of: since for of, since in self._since.items() if of[0] != name}
 
 
 def _clause(name: str, marks: Sequence[str]) -> str:

@@ -20,8 +20,11 @@ from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, alike, see
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.frame_changes import FrameChanges
 from mocapella.sensing.largest_object import largest_object
+from mocapella.sensing.passing_things import PassingThings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
+from mocapella.tracker.limb_stillness import ChangedImage
 from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
@@ -42,6 +45,8 @@ WIDE = 2.0
 """Factor of the search distance of outlines if the pose is rough, as in the first frame."""
 FARTHER, EVERY = 0.3, 3
 """Search of limbs: margin around the body's window, as a fraction of it, and sampling step, in strides."""
+THINGS_EVERY = 2
+"""Stride of the samples in which things are looked for [samples]."""
 NEAREST_LIMB_M = 0.3
 """A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
 FOREGROUND_PX = 4
@@ -58,7 +63,9 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         contour: the segmented region.
         outline: outline of the posed mesh.
-        overlap: intersection over union of the region and the mesh's silhouette, 0 to 1.
+        overlap: intersection over union of the region and the mesh's silhouette, 0 to 1. The region is segmented with
+            the mesh's silhouette as a prior, so it is the mesh's own where the image says nothing.
+        shown: share of the mesh's outline for which the image has evidence, 0 to 1 (`limb_support.py`).
         stands_out: share of the region that differs from the background learnt so far, 0 to 1; NaN if that is unknown
             at half of the region or more.
     """
@@ -66,6 +73,7 @@ class SeenIn(msgspec.Struct, frozen=True, eq=False):
     contour: Silhouette
     outline: Outline
     overlap: float
+    shown: float = float("nan")
     stands_out: float = float("nan")
 
 
@@ -90,6 +98,8 @@ class SilhouetteCamera:
     Attributes:
         step_px: the stride [px].
         background: model of the background; None for moving cameras.
+        changes: where the image changes, from instant to instant.
+        things: foreground that is none of the body.
         wide: whether to search farther from the outline, for a rough pose; set by the fitter.
         usually: adaptive threshold for the share of changed background, see `unlike`.
         covers: adaptive threshold for the overlap of contour and model outline, see `seen`.
@@ -105,6 +115,7 @@ class SilhouetteCamera:
         self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
         self._usual_reach = float(settings.margin_steps * step_px)
         self.background = None if settings.background is None else BackgroundMemory(step_px, settings.background)
+        self.changes, self.things = FrameChanges(step_px), PassingThings()
         self.wide = False
         self.usually, self.covers = Usually(), Usually()
         self.forget_frame()
@@ -121,11 +132,14 @@ class SilhouetteCamera:
     def memory(self) -> list[Any]:
         """Return all state between two frames, for `recall`; its mutable values are shared, not copied."""
         background = None if self.background is None else self.background.memory()
-        return [self.step_px, background, self.usually.memory(), self.covers.memory()]
+        others = [self.usually.memory(), self.covers.memory(), self.changes.memory(), self.things.memory()]
+        return [self.step_px, background, *others]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same ``step_px``, its first element."""
-        _, background, usually, covers = memory
+        _, background, usually, covers, changes, things = memory
+        self.changes.recall(changes)
+        self.things.recall(things)
         if self.background is not None:
             self.background.recall(background)
         self.usually.recall(usually)
@@ -166,6 +180,18 @@ class SilhouetteCamera:
         self._window, self._outline, self._prior = self._window or seen, seen, None
         return seen is not None
 
+    def changed(self, image: UInt8, time_ns: int) -> ChangedImage | None:
+        """Return where an image has changed lately; None if that is unknown, and for moving cameras.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            time_ns: capture time, on the common clock.
+        """
+        if self.background is None:
+            return None
+        density = self.changes.update(image, time_ns)
+        return None if density is None else ChangedImage(self._eye, self.step_px, density)
+
     def unlike(self, image: UInt8) -> float:
         """Return the fraction of the background that has changed in an image, 0 to 1; NaN if the background is unknown.
 
@@ -189,6 +215,30 @@ class SilhouetteCamera:
         """
         if self.background is not None and self._outline is not None:
             self.background.forget_things(image, self._expected(), others)
+
+    def ignored(self, image: UInt8, others: Bool | None) -> Bool | None:
+        """Return the pixels (height, width) that are no evidence: of other people, and of things that passed by.
+
+        After a successful `look`, once a frame.
+
+        Args:
+            image: (height, width) or (height, width, 3) uint8.
+            others: (height, width) mask of other people; None for none.
+        """
+        if self.background is None or self._outline is None:
+            return others
+        (height, width), step = image.shape[:2], self.step_px
+        whole = Silhouette((0, 0), step, np.empty((-(-height // step), -(-width // step)), np.float32))
+        foreground = self.background.strange(image, whole, THINGS_EVERY) > 0
+        grid = step * THINGS_EVERY
+        body = self._outline.silhouette.mask((width, height))[::grid, ::grid]
+        if others is not None:
+            foreground &= ~others[::grid, ::grid]
+        found = self.things.update(foreground, body)
+        if not found.any():
+            return others
+        wide = np.kron(found, np.ones((grid, grid), np.bool_))[:height, :width]
+        return wide if others is None else wide | others
 
     def segment(self, image: UInt8, others: Bool | None, *, near: bool) -> None:
         """Segment the image, with the body's projected outline of `look` as a prior, and keep the contour.
@@ -219,11 +269,11 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """Return the body in this frame's image: contour, outline and their overlap; only if it is `segmented`."""
+        """Return the body in this frame's image: contour, outline, and how they agree; only if it is `segmented`."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
-        return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
+        return SeenIn(contour, self._outline, alike(self._outline, contour.phi), self.support().shown)
 
     def stands_out(self) -> float:
         """Return the share of the segmented region that differs from the background learnt so far, see `SeenIn`.

@@ -49,6 +49,8 @@ class Steadiness:
             visible and moves all of it [ratio].
         turn_rad_per_s: standard deviation of the speed, not acceleration, of a limb's rotation about itself, which is
             hardly visible if the limb is straight; larger: less lag, more jitter [rad/s].
+        still_m: standard deviation of a point of a part about which no image changes, from where it came to rest;
+            larger: contours of other things move it more, and a wrong pose is corrected sooner [m].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -62,6 +64,7 @@ class Steadiness:
     angle_rad_per_s2: float = 150.0
     beside_skin: float = 1.5
     turn_rad_per_s: float = 3.0
+    still_m: float = 0.005
 
     def __post_init__(self) -> None:
         may_be_0 = ("point_per_s", "point_per_past")
@@ -83,7 +86,7 @@ class Steadiness:
         """Return settings whose penalty is multiplied by ``weight``, above 0; larger: less jitter, more lag."""
         s = 1.0 / np.sqrt(weight)  # accelerations are standard deviations: a cost has their inverse squares
         times = {one.name: float(s * getattr(self, one.name)) for one in fields(self)}
-        return Steadiness(**{**times, "beside_skin": self.beside_skin})
+        return Steadiness(**{**times, "beside_skin": self.beside_skin, "still_m": self.still_m})
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,9 @@ class SilhouettesTracker:
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
         self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
-        self._support = SupportConditions({name: tuple(body.mesh.landmarks) for name, body in bodies.items()})
+        self._support = SupportConditions(
+            {name: {mark: at.part for mark, at in body.mesh.landmarks.items()} for name, body in bodies.items()}
+        )
         sizes = [size_doubt(body.mesh, f"{name}'s" if name else "the body's") for name, body in bodies.items()]
         self._sizes = [said for said in sizes if said]
         self._room = EmptyRoomLearning(empty_room_s)

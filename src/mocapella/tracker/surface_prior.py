@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mocapella.kinematics.twist_fit import OnPoints
 from mocapella.model.memory import set_memory
 from mocapella.model.rigged_mesh import at_rest
+from mocapella.tracker.limb_stillness import HeldPoints
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_settings import Steadiness
 
@@ -72,6 +73,12 @@ class SurfacePrior:
             self._speed = np.maximum(speed, self._faded(self._speed))
         usual = np.hypot(s.point_m_per_s2, s.point_per_s * self._speed)
         self._weights = (per_s2 / np.hypot(usual, s.point_per_past * self._acceleration)) ** 2
+
+    def hold(self, held: HeldPoints) -> None:
+        """Replace the prior of points that are still by one about where they came to rest; after `expect`."""
+        self._onward = np.where(held.points[:, None], held.at, self._onward)
+        still = self._steadiness.still_m**-2
+        self._weights = np.where(held.points, np.maximum(self._weights, still), self._weights)
 
     def steady(self, stands: Standing, motions: tuple[Float64, Float64]) -> OnPoints:
         """Return the prior as point constraints that pull the surface to its predicted position, for `twist_fit.fit`.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, Final
 
@@ -126,6 +126,13 @@ def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
     for side in range(4):
         _furnish(maker, rng, half, side)
     return Backdrop(np.array(maker.boxes), np.array(maker.faces), np.array(maker.materials), _light(rng))
+
+
+def darkened(room: Backdrop, share: float) -> Backdrop:
+    """Return a room whose materials reflect a ``share``, 0 to 1, of the light that those of another one reflect."""
+    materials = room.materials.copy()
+    materials[:, 1:7] *= share
+    return replace(room, materials=materials)
 
 
 def _light(rng: np.random.Generator) -> Light:

@@ -41,6 +41,8 @@ class Corruption:
         wrong_each: probability that a frame is wrong, for each camera independently.
         wrong_from: index of the first frame that may be wrong by these probabilities.
         wrong_kind: one of `WRONG`; None for a random one.
+        blocks: quantisation of the frequencies of blocks of 8 × 8 pixels, as of compressed video; 0 for none, 10 is
+            weak and 60 strong [grey levels].
         seed: random seed of all choices.
 
     Raises:
@@ -55,6 +57,7 @@ class Corruption:
     wrong_each: float = 0.0
     wrong_from: int = 0
     wrong_kind: str | None = None
+    blocks: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -65,6 +68,7 @@ class Corruption:
         check(0 <= self.wrong_each <= 1, "wrong_each", self.wrong_each, "from 0 to 1")
         check(self.wrong_from >= 0, "wrong_from", self.wrong_from, "0 or more")
         check(all(k >= 0 for k in self.wrong_frames), "wrong_frames", self.wrong_frames, "0 or more")
+        check(0 <= self.blocks <= 255, "blocks", self.blocks, "0 to 255")
         check(self.seed >= 0, "seed", self.seed, "0 or more")
         if self.wrong_kind is not None and self.wrong_kind not in WRONG:
             raise SettingsError(f"unknown wrong_kind {self.wrong_kind!r}; known: {one_of(self.wrong_kind, WRONG)}")
@@ -103,7 +107,24 @@ class Corruption:
         if self.noise > 0:
             hit = rng.random((height, width)) < self.noise
             out[hit] = rng.integers(0, 256, (int(hit.sum()), 3), dtype=np.uint8)
-        return out
+        return out if self.blocks == 0 else _in_blocks(out, self.blocks)
+
+
+def _in_blocks(image: UInt8, levels: float) -> UInt8:
+    """Quantise the discrete cosine transforms of blocks of 8 × 8 pixels (G. Wallace, "The JPEG still picture
+    compression standard", 1991): the mean by an eighth of ``levels``, higher frequencies by more.
+    """
+    from scipy.fft import dctn, idctn
+
+    height, width = image.shape[:2]
+    padded = np.pad(image.astype(np.float64), ((0, -height % 8), (0, -width % 8), (0, 0)), mode="edge")
+    rows, columns = padded.shape[0] // 8, padded.shape[1] // 8
+    blocks = padded.reshape(rows, 8, columns, 8, -1)
+    order = np.add.outer(np.arange(8), np.arange(8))[:, None, :, None]
+    by = levels * (1.0 + order) / 8.0
+    waves = dctn(blocks, axes=(1, 3), norm="ortho") / 8.0
+    coarse = idctn(8.0 * by * np.round(waves / by), axes=(1, 3), norm="ortho").reshape(padded.shape)
+    return np.asarray(np.clip(np.round(coarse), 0, 255)[:height, :width], np.uint8)
 
 
 def _texture(size: tuple[int, ...], rng: np.random.Generator) -> UInt8:

@@ -28,7 +28,7 @@ from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at, posed
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check
-from mocapella.sources.simulate.backdrop import Backdrop, BackdropView, Light, make_backdrop
+from mocapella.sources.simulate.backdrop import Backdrop, BackdropView, Light, darkened, make_backdrop
 from mocapella.sources.simulate.body_motion import BodyMotion, body_motion, motion_names, usual_seconds
 from mocapella.sources.simulate.body_paint import Covered, Layer, LitBodies, cell_m, covered, make_cast, painted, stand
 from mocapella.sources.simulate.corruption import Corruption
@@ -50,6 +50,8 @@ _FILLED: Final = 0.94
 """Fraction of the way from the image's centre to its border that the people's extent fills."""
 _HEIGHT_M: Final[dict[Sex, tuple[float, float]]] = {"male": (1.77, 0.06), "female": (1.65, 0.055)}
 """Mean and standard deviation of people's heights [m]."""
+_DARK_SHARE: Final = 0.06
+"""Reflected light of a dark room, relative to other rooms: its walls are like black cloth."""
 _TABLE: Final = 1 << 17
 SEATED: Final = "sits"
 """Motion of people who sit on chairs that are not in the empty room, with bags and masks."""
@@ -224,7 +226,7 @@ class SilhouetteScene:
 def silhouette_scene(
     name: str, *, seed: int = 0, cameras: int = 4, size_px: tuple[int, int] = (640, 480), seconds: float | None = None,
     fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None,
-    height_m: float | None = None,
+    height_m: float | None = None, surroundings: str | None = None,
     look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
 ) -> SilhouetteScene:  # fmt: skip
     """Make a scene of `scene_names`.
@@ -239,6 +241,8 @@ def silhouette_scene(
         outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
         sex, height_m: sex and height [m] of the first person; None for random ones. Random heights are 1.5 to 1.98 m.
+        surroundings: what is about the people of the motion `SEATED`, one of `later_things.SURROUNDINGS`; None for a
+            chair, a bag and a mask alone.
         look: exposure and noise of the cameras; None for the defaults.
         corruption: corruption of the images; None for none.
         bvh: a BVH file whose motion replaces the motion ``walk``; None for none.
@@ -253,6 +257,7 @@ def silhouette_scene(
     check(all(16 <= side <= 8192 for side in size_px), "size_px", size_px, "16 to 8192 each")
     check(bvh is None or name == "walk", "bvh", bvh, "given with the motion walk only")
     check(seed >= 0, "seed", seed, "0 or more")
+    check(surroundings is None or name == SEATED, "surroundings", surroundings, f"given with the motion {SEATED} only")
     usual_seconds(name)  # refuses an unknown motion early
     rng = np.random.default_rng([seed, 51])
     meshes, motions = [], []
@@ -269,7 +274,11 @@ def silhouette_scene(
     worn, things = outfit, list[LaterThing]()
     if name == SEATED:
         worn = DARK if outfit is None else outfit
-        things = [one for mesh, motion in zip(meshes, motions, strict=True) for one in seated_things(mesh, motion)]
+        about = surroundings or "chair"
+        things = [
+            one for mesh, motion in zip(meshes, motions, strict=True) for one in seated_things(mesh, motion, about)
+        ]
+        backdrop = darkened(backdrop, _DARK_SHARE) if about == "dark" else backdrop
     outfits = [make_outfit(worn, seed + 100 * person, colours) for person in range(people)]
     return SilhouetteScene(
         name, seed, meshes=meshes, outfits=outfits, motions=motions, backdrop=backdrop, rig=rig, times_s=times,

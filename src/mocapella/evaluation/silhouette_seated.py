@@ -1,0 +1,171 @@
+"""Accuracy of legs that images hardly show: people who sit still among dark things, in the scenes of `SEATED_SCENES`.
+
+    legs = follow_seated("table", seed=100)
+    legs.score("knee").median_mm, legs.score("ankle").unsaid
+
+The empty room is filmed first, the person sits on a chair that came later, and the start is of triangulated keypoints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.silhouette_runs import alone, measured_body, rough_joints, seen_at
+from mocapella.recording.bodies_file import ALONE
+from mocapella.settings import check
+from mocapella.sources.simulate.corruption import Corruption
+from mocapella.sources.simulate.silhouette_scene import SEATED, CameraLook, silhouette_scene
+from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.silhouette_settings import SilhouetteSettings
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+START_SD_M: Final = 0.01
+"""Standard deviation of the start's joints, along each axis [m]."""
+SIZE_PX: Final = (644, 486)
+FPS: Final = 25.0
+EMPTY_IMAGES: Final = 3
+"""Number of images of the empty room, of each camera."""
+FAR_M: Final = 0.1
+"""Error of a joint that must be doubted [m]."""
+
+
+@dataclass(frozen=True)
+class SeatedScene:
+    """What is hard about a scene.
+
+    Attributes:
+        surroundings: one of `later_things.SURROUNDINGS`.
+        look: exposure and noise of the cameras.
+        corruption: corruption of the images; None for none.
+        interlaced: whether every second row is of the image before.
+    """
+
+    surroundings: str = "chair"
+    look: CameraLook = field(default_factory=CameraLook)
+    corruption: Corruption | None = None
+    interlaced: bool = False
+
+
+SEATED_SCENES: Final[Mapping[str, SeatedScene]] = {
+    **{name: SeatedScene(name) for name in ("chair", "table", "screen", "dark", "skirt", "later")},
+    "light": SeatedScene(look=CameraLook(drift=0.2, flicker=0.01)),
+    "interlaced": SeatedScene(interlaced=True),
+    "compressed": SeatedScene(corruption=Corruption(blocks=30.0)),
+}
+"""Scenes by name. All have a chair, a bag and a mask, which came after the empty room was filmed, and their shadows."""
+
+
+class JointScore(msgspec.Struct, frozen=True):
+    """Errors of one kind of joint over a scene.
+
+    Attributes:
+        median_mm, p95_mm, worst_mm: distances from the truth [mm].
+        doubted: share of the joints that are reported as not supported by any image, over all frames.
+        unsaid: share of the joints that are farther off than `FAR_M` and are not reported, over all frames.
+    """
+
+    median_mm: float
+    p95_mm: float
+    worst_mm: float
+    doubted: float
+    unsaid: float
+
+
+class SeatedRun(msgspec.Struct, frozen=True, eq=False):
+    """The tracker's result over a scene.
+
+    Attributes:
+        landmarks: names of the landmarks.
+        errors_m: (frames, landmarks) distances from the truth [m].
+        supported: (frames, landmarks) whether images support each landmark.
+        overlap: mean intersection over union of the model and its own segmentation.
+        left_out: number of images that were left out.
+    """
+
+    landmarks: tuple[str, ...]
+    errors_m: Float64
+    supported: Bool
+    overlap: float
+    left_out: int
+
+    def score(self, joint: str) -> JointScore:
+        """Return the errors of the landmarks whose names end with ``joint``, such as ``knee``."""
+        these = [k for k, name in enumerate(self.landmarks) if name.endswith(joint)]
+        check(len(these) > 0, "joint", joint, "the end of a landmark's name, such as knee")
+        errors, said = self.errors_m[:, these], ~self.supported[:, these]
+        median, p95 = np.percentile(1e3 * errors, [50, 95])
+        unsaid = (errors > FAR_M) & ~said
+        worst = 1e3 * float(errors.max())
+        return JointScore(float(median), float(p95), worst, float(said.mean()), float(unsaid.mean()))
+
+
+def follow_seated(
+    name: str,
+    seed: int,
+    seconds: float = 1.2,
+    settings: SilhouetteSettings | None = None,
+    *,
+    size_px: tuple[int, int] = SIZE_PX,
+    fps: float = FPS,
+) -> SeatedRun:
+    """Track the person of one of `SEATED_SCENES`, with a body whose proportions are of the start's joints.
+
+    Args:
+        name: name of the scene.
+        seed: random seed of the scene.
+        seconds: duration [s].
+        settings: settings of the tracker; None for the defaults.
+        size_px: (width, height) of the images.
+        fps: frame rate [Hz].
+
+    Raises:
+        SettingsError: no such scene; names the known ones.
+    """
+    if name not in SEATED_SCENES:
+        raise SettingsError(f"no scene {name!r}; known: {one_of(name, SEATED_SCENES)}")
+    hard = SEATED_SCENES[name]
+    scene = silhouette_scene(
+        SEATED, seed=seed, size_px=size_px, fps=fps, seconds=seconds, look=hard.look, corruption=hard.corruption,
+        surroundings=hard.surroundings,
+    )  # fmt: skip
+    joints, cameras = rough_joints(scene, START_SD_M), list(scene.rig.cameras)
+    mesh, between_ns = measured_body(scene, joints), round(NS_PER_S / fps)
+    tracker = alone(mesh, joints, scene.rig, settings, period_s=1.0 / fps)
+    for k in range(EMPTY_IMAGES):
+        empty = dict(zip(cameras, scene.background(k), strict=True))
+        for arrival in arrivals_of(empty, 0, cameras=scene.rig.cameras, empty_room=True):
+            tracker.update(arrival)
+    errors, supported, overlaps, left_out = [], [], list[float](), 0
+    before: list[UInt8] = []
+    for k in range(len(scene)):
+        images = scene.images(k)
+        shown = (
+            [_interlaced(*pair) for pair in zip(before or images, images, strict=True)] if hard.interlaced else images
+        )
+        before = images
+        fit = seen_at(tracker, dict(zip(cameras, shown, strict=True)), k * between_ns, k).bodies[ALONE].fit
+        assert fit.supported is not None  # the tracker always tells
+        errors.append(np.linalg.norm(fit.landmarks - scene.landmarks(k), axis=1))
+        supported.append(fit.supported)
+        overlaps += [seen.overlap for seen in fit.seen.values()]
+        left_out += len(fit.left_out)
+    overlap = float(np.mean(overlaps)) if overlaps else float("nan")
+    return SeatedRun(tuple(mesh.landmarks), np.array(errors), np.array(supported), overlap, left_out)
+
+
+def _interlaced(before: UInt8, image: UInt8) -> UInt8:
+    """Return an image (height, width, 3) whose every second row is of the image before."""
+    out = image.copy()
+    out[1::2] = before[1::2]
+    return out

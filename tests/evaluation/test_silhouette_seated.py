@@ -1,0 +1,49 @@
+"""Scores of legs that images hardly show."""
+
+import numpy as np
+import pytest
+
+from mocapella.errors import SettingsError
+from mocapella.evaluation.silhouette_seated import FAR_M, SEATED_SCENES, SeatedRun, follow_seated
+from mocapella.sources.simulate.later_things import SURROUNDINGS
+
+MARKS = ("left knee", "right knee", "left ankle")
+
+
+def run(errors_m, supported):
+    return SeatedRun(MARKS, np.array(errors_m), np.array(supported), 0.9, 0)
+
+
+def test_a_score_is_of_the_joints_of_its_kind_alone():
+    one = run([[0.01, 0.03, 0.5], [0.02, 0.04, 0.6]], [[True, True, False]] * 2)
+    knee, ankle = one.score("knee"), one.score("ankle")
+    assert (knee.median_mm, knee.worst_mm, knee.doubted, knee.unsaid) == pytest.approx((25.0, 40.0, 0.0, 0.0))
+    assert (ankle.median_mm, ankle.worst_mm, ankle.doubted, ankle.unsaid) == pytest.approx((550.0, 600.0, 1.0, 0.0))
+
+
+def test_large_errors_are_unsaid_unless_they_are_doubted():
+    far = 2 * FAR_M
+    one = run([[far, far, 0.0]] * 4, [[True, False, True]] * 4)
+    assert one.score("knee").unsaid == 0.5
+    assert run([[far, 0.9 * FAR_M, 0.0]], [[False, True, True]]).score("knee").unsaid == 0.0
+
+
+def test_joints_and_scenes_that_do_not_exist_are_refused():
+    with pytest.raises(SettingsError, match="joint"):
+        run([[0.0, 0.0, 0.0]], [[True] * 3]).score("kne")
+    with pytest.raises(SettingsError, match=r"'tabel'.*table"):
+        follow_seated("tabel", 0)
+
+
+def test_all_surroundings_are_scored():
+    assert {one.surroundings for one in SEATED_SCENES.values()} == set(SURROUNDINGS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["table", "dark", "interlaced"])
+def test_legs_stay_within_the_bounds_and_hidden_ones_are_doubted(name):
+    found = follow_seated(name, 5, 0.4, size_px=(322, 243), fps=25)
+    assert found.score("knee").worst_mm < 100
+    assert found.score("ankle").worst_mm < 150
+    assert found.score("ankle").doubted > 0.8 or name != "table"
+    assert found.left_out == 0
