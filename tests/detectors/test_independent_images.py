@@ -63,6 +63,6 @@ def test_an_arm_of_the_other_side_after_a_gap_is_another_one() -> None:
 
 def test_a_gap_does_not_forget_what_is_known_of_the_camera() -> None:
     detector, _ = detected(1.0)
-    before = detector._fattening._votes
+    before = detector._fattening._evidence
     detector.update(recording()[1][1], 2.0)
-    assert detector._fattening._votes <= before < 0
+    assert detector._fattening._evidence <= before < 0

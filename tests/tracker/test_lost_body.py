@@ -194,7 +194,7 @@ def present(stands_out: float, fitted: TreePose, until_ms: int = 300) -> tuple[l
     for name, placed in RIG.cameras.items():
         outline = see(body.figure, body.standing(fitted).vertices, eye(placed), step_px=1, margin_px=2)
         assert outline is not None
-        seen[name] = SeenIn(outline.silhouette, outline, 1.0, stands_out)
+        seen[name] = SeenIn(outline.silhouette, outline, 1.0, stands_out=stands_out)
     for at_ms in range(100, until_ms + 1, 100):
         fit = FittedBody(at_ms * 1_000_000, fitted, landmarks_at(MESH, fitted), seen, {})
         notes += presence.update(at_ms // 100, {"": fit}, person)[1]
