@@ -150,7 +150,7 @@ def show_runs(rows: Any, out: Console) -> None:
     for headings, figures_of in ((_ACCURACY, _accuracy), (_STEADINESS, _steadiness), (_LOSS, _loss)):
         _table([(row, figures_of(row)) for row in rows], headings, out)
     out.print("marks: landmarks; jitter: acceleration of their error; feet: that of ankles and", highlight=False)
-    out.print("toes as such, beside the true one; blind: frames in which no camera counted;", highlight=False)
+    out.print("toes as such, beside the true one; blind: frames without a camera that counted;", highlight=False)
     out.print("end: joint error of the last ten frames", highlight=False)
     _problems(rows, out)
 

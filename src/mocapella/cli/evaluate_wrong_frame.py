@@ -24,7 +24,7 @@ def wrong_frame(
     settings: Settings = None,
     json: JsonOut = None,
 ) -> None:
-    """Track a knee bend in which one frame is wrong in all cameras, with the penalty on jitter and without.
+    """Track a knee bend with one frame that is wrong in all cameras, with the penalty on jitter and without.
 
     Of legs alone and of a whole body. With --set rejection=none nothing else protects the body; by default the wrong
     images are left out. docs/methods/silhouettes.md describes the experiment.

@@ -36,7 +36,7 @@ class Search:
     """A search for further arms, spread over several images because it takes longer than one.
 
     Attributes:
-        depth, at_s: the image that is searched, as it was measured.
+        depth, at_s: the measured image that is searched.
         images: (depth, time) of the images since; arms that are found are tracked through them.
         newest: the newest of them.
         steps: the remaining work.

@@ -31,7 +31,7 @@ MOST_EVIDENCE: Final = 1.0
 _NO_FIT: Final = 1.0
 _LEAST: Final = 1e-3
 _LAST: Final = 3
-"""Comparisons, the lowest costs of which are compared."""
+"""Number of last comparisons; their lowest costs are compared."""
 _OFTEN: Final = 5
 _SELDOM: Final = 100
 """Images between two comparisons, before and after the kind is known."""

@@ -42,8 +42,8 @@ class SolverScene(msgspec.Struct, frozen=True):
 
     Attributes:
         noise_m: standard deviation of a marker's coordinate [m].
-        hidden: share of the time in which a fingertip is hidden, in runs of a sixth of a second.
-        longer: factor of the true fingers' lengths to those that the tracker knows; above 1, tips are out of reach.
+        hidden: share of the time when a fingertip is hidden, in runs of a sixth of a second.
+        longer: ratio of the true fingers' lengths to the tracker's; above 1, tips are out of reach.
     """
 
     noise_m: float
@@ -69,7 +69,7 @@ class SolverRow(msgspec.Struct, frozen=True):
         angle_p95_deg: 95th percentile of the same [°].
         tip_mm: median distance of the fingertips from the true ones [mm].
         reached_percent: share of the visible tips that are within 0.1 mm of their markers [%].
-        within_percent: share of the frames in which all angles are within the limits [%].
+        within_percent: share of the frames with all angles within the limits [%].
         jitter_mm: RMS change of the landmarks' error from frame to frame [mm].
         iterations: mean number of iterations for a digit; None for ``map``.
         time_ratio: median time of a frame as a multiple of ``map``'s in the same run.

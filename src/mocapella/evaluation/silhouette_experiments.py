@@ -40,7 +40,7 @@ WRONG_FROM: Final = 3
 WRONG_FRAME: Final = 60
 """Index of the frame of the knee bend that is replaced by a wrong image in all cameras."""
 COVERED_FRAMES: Final = range(60, 108)
-"""Indices of the frames in which all cameras are covered, 0.8 s: longer than a body is extrapolated."""
+"""Indices of the frames with all cameras covered, 0.8 s: longer than a body is extrapolated."""
 MOVES_DEG: Final = 1.0
 """The lag is not measured for knees that bend less than this [deg]."""
 LEAST_M_PER_S2: Final = 0.1

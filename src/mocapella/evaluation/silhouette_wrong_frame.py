@@ -100,11 +100,11 @@ class WrongFrameRow(msgspec.Struct, frozen=True):
 
 
 class WrongFrameShown(msgspec.Struct, frozen=True, eq=False):
-    """Plotted runs: those of the first seed.
+    """Plotted runs, of the first seed.
 
     Attributes:
         truth: the true movement.
-        pictures: the first camera's wrong image (height, width, 3) uint8 BGR, by what it shows.
+        pictures: the first camera's wrong image (height, width, 3) uint8 BGR, by kind.
         found: tracked movement by case, what the wrong frame shows, and weight.
     """
 
@@ -172,7 +172,7 @@ def with_wrong_frame(film: Film, frame: int, kind: str, where: Sequence[Bool] | 
     Args:
         film: the rendered scene; not changed.
         frame: index of the frame.
-        kind: what it shows, one of `mocapella.sources.simulate.corruption.WRONG`.
+        kind: content of the wrong image, one of `mocapella.sources.simulate.corruption.WRONG`.
         where: (height, width) masks, one for each camera: the pixels that are replaced; None for all.
 
     Raises:
@@ -248,7 +248,7 @@ def angle_deg(movement: Movement, joint: str) -> Float64:
 
 
 def most_disturbed(found: Movement, true: Movement) -> str:
-    """Return the joint angle, of those that both bodies have, with the largest error in the frame of index `FRAME`."""
+    """Return the joint angle, among the angles of both bodies, with the largest error in the frame of index `FRAME`."""
     common = [name for name in found.mesh.joint_names if name in true.mesh.joint_names]
     return max(common, key=lambda name: abs(angle_deg(found, name)[FRAME] - angle_deg(true, name)[FRAME]))
 

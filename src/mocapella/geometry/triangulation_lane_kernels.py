@@ -25,7 +25,7 @@ COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
 INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
 LANES = 32
 LEFT, ALL, AGREED = np.uint8(0), np.uint8(1), np.uint8(2)
-"""Whether a point is left to others, fitted to all its views, or to those that agree."""
+"""Whether a point is left to others, fitted to all its views, or to the views that agree."""
 
 
 @njit(**INLINED)
@@ -241,7 +241,7 @@ def fit_agreeing(
     views: Float64, pixels: Float64, sd: Float64, gate2: float, least_sin2: float, points: Float64,
     covariances: Float64, residuals: Float64, used: Bool, fitted: UInt8,
 ) -> None:  # fmt: skip
-    """Triangulate the points that `fit_most` left and of which some views agree, many at a time; leave the others.
+    """Triangulate the points that `fit_most` left and where some views agree, many at a time; leave the others.
 
     These are the steps of `triangulation_kernels.consensus`: the point of each pair of views, the truncated error of
     each, and a refit of the best on the views within the gate. Points whose refit changes these views are left.

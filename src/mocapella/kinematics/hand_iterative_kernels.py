@@ -171,7 +171,7 @@ def follow_jacobian(
 
 @njit(cache=True)
 def _differentiate(row: Float64, q: Float64, J: Float64) -> None:
-    """Write the tip's derivatives J (4, 3) by the angles q (4,); those of a coupled joint are its leader's."""
+    """Write the tip's derivatives J (4, 3) by the angles q (4,); a coupled joint has its leader's."""
     f, a, m, b = q[0], q[1], q[2], q[3]
     u3, w3 = row[L3] * math.cos(f + m + b), row[L3] * math.sin(f + m + b)
     u2, w2 = u3 + row[L2] * math.cos(f + m), w3 + row[L2] * math.sin(f + m)
@@ -215,7 +215,7 @@ def _step(J: Float64, A: Float64, e: Float64, d: Float64, kind: int, damping_m: 
 
 @njit(cache=True)
 def _lock(row: Float64, q: Float64, J: Float64, step: Float64, locked: int) -> int:
-    """Remove from J (4, 3) the motions by which a step (4,) crosses limits at q (4,); return the set of these."""
+    """Remove from J (4, 3) the motions that take a step (4,) across limits at q (4,); return the set of these."""
     if q[0] <= row[FMIN] + _AT_LIMIT and step[0] < 0.0 and not locked & 1:
         locked |= 1
         _drop(J, 0)

@@ -21,8 +21,8 @@ class HandSettings:
             at rest; larger: the posture at rest counts less [°].
         coupling_sd_deg: standard deviation of a third joint's flexion about the value coupled to the second joint's, if
             it is free; larger: it follows the second joint less [°].
-        posture_every_s: time in which the posture at rest counts once while a hand is followed; larger: it counts less
-            [s].
+        posture_every_s: period after which the posture at rest counts once more while a hand is followed; larger: it
+            counts less [s].
         angle_rate_deg_s: standard deviation of an angle's unpredicted speed, which changes every sixtieth of a second;
             larger: less lag, more jitter [°/s].
         palm_rate_m_s: the same of each direction of the palm's motion [m/s].

@@ -114,7 +114,7 @@ class CameraService:
 
     Args:
         work: the node's processing, which has the newest image and the colours.
-        profile_file: file to which `AskSave` and `AskSaveControls` write; None refuses them.
+        profile_file: file that `AskSave` and `AskSaveControls` write; None refuses them.
         settings: limits; the defaults if None.
         say: receives messages about changes.
         clock: the monotonic clock, in seconds.

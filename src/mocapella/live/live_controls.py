@@ -32,7 +32,7 @@ class LiveControls:
         return source.controls() if isinstance(source, ControlledSource) else ()
 
     def present(self) -> CameraControls:
-        """Return the present values; those of the start, if none can be set now."""
+        """Return the present values; the start's, if none can be set now."""
         found = self.descriptions()
         return _of(found, self._acquisition.state.controls) if found else self._acquisition.state.controls
 
@@ -73,7 +73,7 @@ class LiveControls:
 
 
 def _of(found: tuple[ControlDescription, ...], before: CameraControls) -> CameraControls:
-    """Return described values, and of the modes that no control describes (focus) those of before."""
+    """Return described values, and the former modes that no control describes (focus)."""
     now = controls_of(found)
     other = tuple(mode for mode in before.automatic if mode not in {control.mode for control in found})
     return replace(now, automatic=now.automatic + other)

@@ -60,7 +60,7 @@ class BodyStatistics:
     Attributes:
         frames: number of frames.
         lost: number of frames in which the body was lost.
-        unsupported: number of frames in which no image shows a joint, by its name.
+        unsupported: number of frames without an image that shows a joint, by its name.
         left_out: number of frames with an unused or missing image, by camera.
         overlaps: intersection over union of the model's and the image's silhouettes, by camera.
         shown: share of the model's outline for which the image has evidence, by camera.

@@ -14,7 +14,7 @@ CONTROLS: Final = (
     "exposure", "gain", "white_balance", "white_balance_red", "white_balance_blue", "saturation", "contrast",
     "brightness",
 )  # fmt: skip
-"""Names of the controls, in the order in which they are shown; ``white_balance`` is a colour temperature."""
+"""Names of the controls, in the order of the view; ``white_balance`` is a colour temperature."""
 LONGEST: Final = 80
 """Longest name of a control, of a mode and of a unit, in characters."""
 LARGEST: Final = 1e10

@@ -112,7 +112,7 @@ def learn_colours(
 
 
 def _refuse_leaks(clicks: Mapping[str, tuple[float, float]], areas: Mapping[str, Sequence[int]]) -> None:
-    """Refuse a region that is far larger than those of the other markers, because it has grown into the background.
+    """Refuse a region that is far larger than the other markers', because it has grown into the background.
 
     Args:
         clicks: x, y [px] by the marker's name, for the error.

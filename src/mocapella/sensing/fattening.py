@@ -22,7 +22,7 @@ JUMP_M: Final = 0.02
 
 
 def without_fattening(depth: Float32, px: int) -> Float32:
-    """Return a depth image in which near things are narrower, and small holes are filled; a new array unless px is 0.
+    """Return a depth image with narrower near things, and small holes filled; a new array unless px is 0.
 
     Holes up to 2 px + 3 wide are filled between measurements of one surface, along rows, then along columns.
 

@@ -47,7 +47,7 @@ def erode(depth: Float32, reach_px: int, jump_m: float, out: Float32) -> None:
 
     Args:
         depth: (height, width) [m]; 0 where nothing was measured, which counts as farther than anything.
-        reach_px: half the width of the square around a pixel in which something farther counts [px].
+        reach_px: half the width of the square around a pixel where something farther counts [px].
         jump_m: least difference of depths that makes an edge [m].
         out: (height, width) written [m]; 0 where nothing was measured, or where the farther surface has none.
     """

@@ -27,7 +27,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 SPAN_S: Final = 0.3
-"""Largest age of the compared image; older: slower motion is seen, and what comes to rest is still later [s]."""
+"""Largest age of the compared image; older: slower motion is seen, and a part that comes to rest is still later [s]."""
 LEAST_LEVELS: Final = 3.5
 """Least difference of a sample that has changed [grey levels]."""
 BEYOND: Final = 6.0

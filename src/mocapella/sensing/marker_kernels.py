@@ -293,7 +293,7 @@ def _by_near_colours(
 ) -> None:  # fmt: skip
     """Search by `MarkerColours.near` within ``half`` px of (px, py); write ``out`` (`OUT`,) if a piece is plausible.
 
-    The piece must lie within the window as a whole. ``area`` is what it is compared with [px²], ``usual`` is the area
+    The piece must lie within the window as a whole. ``area`` is compared with it [px²], ``usual`` is the area
     when the colour was learnt, and the other arguments are those of `choose` and `measure`.
     """
     h, w, _ = image.shape

@@ -112,7 +112,7 @@ class MarkerReport:
         overflows: number of images with more than `RUNS` runs, whose last rows were not searched.
         found: number of images with the marker.
         ambiguous: number of images with more than one candidate; the likeliest was taken.
-        near: number of images in which it was found only by the colours of a window; its confidence is halved there.
+        near: number of images where it was found only by the colours of a window; its confidence is halved there.
         merged: number of pieces of its colour that were joined to it.
         too_small, too_big, wrong_shape: number of pieces of its colour that were rejected, by reason.
         brightness: brightness of the last measured image over the profile's; 1 is as learnt.

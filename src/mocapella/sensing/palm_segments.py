@@ -26,7 +26,7 @@ _NONE: Final = np.zeros((0, 2))
 
 @dataclass(frozen=True)
 class PalmSegmentsSettings(LineSkeletonSettings):
-    """Settings of `PalmSegments`; those of `LineSkeletonSettings` up to the grid apply, too.
+    """Settings of `PalmSegments`; the settings of `LineSkeletonSettings` up to the grid apply, too.
 
     Attributes:
         segment_degrees: width of a segment; larger: neighbouring fingers share one, smaller: segments are empty [°].
@@ -80,7 +80,7 @@ def segment_tips(points: PointGrid, place: Place, s: PalmSegmentsSettings) -> Fl
     Args:
         points: the grid points of the arm.
         place: where elbow and palm are.
-        s: width of the segments, and what is far.
+        s: width of the segments, and least distance of far points.
     """
     off = points.pixels - place.palm
     far, turn = np.hypot(*off.T), angles(points.pixels.astype(np.float64), place.palm, place.palm - place.elbow)

@@ -31,7 +31,7 @@ _FORK: Final = 3
 
 @dataclass(frozen=True)
 class SkeletonInSpaceSettings(LineSkeletonSettings):
-    """Settings of `SkeletonInSpace`; those of `LineSkeletonSettings` up to the thinning apply, too.
+    """Settings of `SkeletonInSpace`; the settings of `LineSkeletonSettings` up to the thinning apply, too.
 
     Attributes:
         back_px: number of pixels that a line is followed back from its end, to see where it points; larger: a bent

@@ -172,7 +172,7 @@ class CaptureCamera:
 
 
 def _with_focus(controls: CameraControls, before: CameraControls) -> CameraControls:
-    """Return the driver's controls, with an automatic focus, which is none of them, as it was."""
+    """Return the driver's controls, and the automatic focus, which is none of them, unchanged."""
     focus = tuple(mode for mode in before.automatic if mode == "focus")
     return replace(controls, automatic=controls.automatic + focus)
 

@@ -1,7 +1,7 @@
 """A Raspberry Pi's own camera, through libcamera and the vendor's package picamera2.
 
 OpenCV cannot read these cameras, whose pictures libcamera develops. picamera2 comes with Raspberry Pi OS
-(``python3-picamera2``), not from a package index. Names and units of its controls are those of the Picamera2 manual,
+(``python3-picamera2``), not from a package index. Names and units of its controls are from the Picamera2 manual,
 appendix C: ExposureTime [µs], AnalogueGain and ColourGains (red, blue) [factors], Saturation, Contrast, Brightness.
 """
 
@@ -214,7 +214,7 @@ class PiCamera:
             camera.close()
 
     def _settle(self, wanted: CameraControls) -> None:
-        """Let the automatic modes find values that nobody has requested: libcamera's defaults are dark and green."""
+        """Let the automatic modes find values that were not requested: libcamera's defaults are dark and green."""
         open_modes = {
             mode
             for name, *_, mode in _CONTROLS

@@ -338,7 +338,7 @@ class BodyFitter:
         expected: TreePose,
         time_ns: int,
     ) -> TreePose:
-        """Return the frame's pose with misplaced limbs recovered; not those that are as at a certain start."""
+        """Return the frame's pose with misplaced limbs recovered, except limbs that are as at a certain start."""
         s, recovery = self.settings, self._limb_recovery
         if recovery is None:
             return pose
@@ -364,7 +364,7 @@ class BodyFitter:
         rounds: int,
         segmented: int,
     ) -> TreePose:
-        """Return the first frame's pose with parts that no image shows as they were at the start, which is certain."""
+        """Return the first frame's pose, with parts that no image shows as at the start, which is certain."""
         supported = self._supported(self.body.standing(pose))
         hidden = self._support.hidden_parts(supported)
         if not hidden.any():

@@ -78,7 +78,7 @@ class BodyPresence(msgspec.Struct, eq=False):
             tell; otherwise the body cannot be re-acquired.
         postures: earlier poses that were seen as well as waiting poses, with postures unlike each other, the oldest
             first; at most `POSTURES`.
-        sure_ns: capture time of the last frame in which the body was not doubted, or was searched.
+        sure_ns: capture time of the last frame when the body was not doubted, or was searched.
         found: how the last search found the body, in words; empty if it did not.
     """
 
@@ -266,7 +266,7 @@ class SilhouettePresence:
         was found.
 
         One earlier posture is tried in each frame, in turns. An image that was left out counts where the empty room is
-        unknown: a person who moved on differs from what was learnt as another scene does.
+        unknown: a person who moved on differs from the learnt background as another scene does.
         """
         body, fitter = self._bodies[name], self._fitters.fitters[name]
         strange = {

@@ -33,7 +33,7 @@ MEETING_M: Final = 0.4
 COVERED: Final = 0.45
 """Least overlap of body and foreground, as a mean over cameras; below, the object is something else."""
 WELL_COVERED: Final = 0.75
-"""Overlap from which no further posture is tried."""
+"""Least overlap for trying no further posture."""
 TURNS_RAD: Final = tuple(np.radians(range(45, 360, 45)).tolist())
 """Rotations that are tried, about the body's own axis, relative to its last orientation."""
 TILTS: Final = np.radians([(90, 0), (180, 0), (270, 0), (0, 90), (0, 270), (135, 0), (225, 0), (0, 135), (0, 225)])

@@ -122,7 +122,7 @@ class LimbStillness:
         """Decide which parts are still; return the points to hold.
 
         Args:
-            stands: the body as it was fitted in the last frame.
+            stands: the body fitted in the last frame.
             changes: where the images change, by camera.
             images: number of images of this frame; if changes are known of fewer, nothing is still.
         """

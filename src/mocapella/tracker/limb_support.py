@@ -198,7 +198,7 @@ class SupportConditions:
             if not shown.all():
                 self._until.pop(name, None)
             if set(lacking) - set(before):
-                # What was said stays said until all limbs show, for as long: else it would be said again and again.
+                # A message stands until all limbs show for as long; else it would come again and again.
                 self._said[name] = [mark for mark in marks if mark in lacking or mark in before]
                 notes.append(f"from frame {since} on: {_clause(name, self._said[name])}")
             elif before and shown.all():

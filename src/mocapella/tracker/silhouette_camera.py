@@ -46,7 +46,7 @@ WIDE = 2.0
 FARTHER, EVERY = 0.3, 3
 """Search of limbs: margin around the body's window, as a fraction of it, and sampling step, in strides."""
 THINGS_EVERY = 2
-"""Stride of the samples in which things are looked for [samples]."""
+"""Stride of the samples of the search for things [samples]."""
 NEAREST_LIMB_M = 0.3
 """A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
 FOREGROUND_PX = 4

@@ -115,7 +115,7 @@ class SilhouetteSettings:
             work, less accurate [samples].
         usual_per_rad: weight of the resting pose, as the inverse of an angle's standard deviation about it; larger:
             hidden limbs stay nearer to it [1/rad].
-        rejection: which images do not count: ``adaptive`` leaves out dead images, and those that show something else by
+        rejection: which images do not count: ``adaptive`` leaves out dead images, and images of something else by
             thresholds of each camera; ``none`` uses every image, to measure the penalty on jitter alone.
         unlike: an image is rejected if more than this fraction of the usually unchanged background has changed; larger:
             fewer images are rejected [0 to 1].

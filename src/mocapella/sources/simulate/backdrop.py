@@ -129,7 +129,7 @@ def make_backdrop(seed: int = 0, least_half_m: float = 4.9) -> Backdrop:
 
 
 def darkened(room: Backdrop, share: float) -> Backdrop:
-    """Return a room whose materials reflect a ``share``, 0 to 1, of the light that those of another one reflect."""
+    """Return a room whose materials reflect a ``share``, 0 to 1, of the light of another room's materials."""
     materials = room.materials.copy()
     materials[:, 1:7] *= share
     return replace(room, materials=materials)

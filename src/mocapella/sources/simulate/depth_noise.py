@@ -147,10 +147,10 @@ class Stereo:
         baseline_m: position of the second camera along the first one's x axis [m].
         block_px: width of a matched block [px].
         sd_px: standard deviation of the disparity [px].
-        fatten: share of half a block by which things become wider, from 0 to 1.
+        fatten: growth of things on each side, in half blocks, from 0 to 1.
         unmatched: share of the surface, in pieces of a block's size, that is not matched.
         edge_unmatched: the same where a block holds an edge.
-        step_px: step to which the disparity is rounded [px].
+        step_px: rounding step of the disparity [px].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.

@@ -1,4 +1,4 @@
-"""Kinds of fingertip markers for `mocapella.sources.simulate.marker_scene`: what is on the finger, and how it shines.
+"""Kinds of fingertip markers for `mocapella.sources.simulate.marker_scene`: shape, material and gloss.
 
 All sizes are factors of the fingertip's radius, which is about 7 mm. The numbers are ours: they were chosen from how
 such markers look, not measured.

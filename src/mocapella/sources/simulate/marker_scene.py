@@ -76,7 +76,7 @@ class MarkerSceneSettings:
 
     Attributes:
         paints: paints of thumb to little finger and of the hand's base.
-        kind: what is on the fingertips, a name in `marker_kinds.MARKER_KINDS`; the base always has a painted disc.
+        kind: of the fingertips' markers, a name in `marker_kinds.MARKER_KINDS`; the base always has a painted disc.
         size_px: (width, height) of the image.
         palm_px: width of the palm; 90 px is a hand half a metre in front of the thesis' camera [px].
         palm_change: relative change of the hand's size, as its distance varies.
@@ -192,7 +192,7 @@ class MarkerScene:
             yield self._shot(at_s, seen, [self.seed, 3, round(1e6 * at_s), k])
 
     def labels(self, at_s: float) -> Int8:
-        """Return what is at each pixel in an instant of the scene [s], without blur: an array (height, width).
+        """Return the thing at each pixel in an instant of the scene [s], without blur: an array (height, width).
 
         A pixel of marker k has the value k; others are `ON_WALL`, `ON_SKIN` or `ON_OTHER`, or `MIXED` at an edge.
         """

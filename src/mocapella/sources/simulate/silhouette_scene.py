@@ -241,7 +241,7 @@ def silhouette_scene(
         outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
         sex, height_m: sex and height [m] of the first person; None for random ones. Random heights are 1.5 to 1.98 m.
-        surroundings: what is about the people of the motion `SEATED`, one of `later_things.SURROUNDINGS`; None for a
+        surroundings: things about the people of the motion `SEATED`, one of `later_things.SURROUNDINGS`; None for a
             chair, a bag and a mask alone.
         look: exposure and noise of the cameras; None for the defaults.
         corruption: corruption of the images; None for none.
