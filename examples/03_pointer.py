@@ -49,10 +49,9 @@ def main(args, osc):
         if (scene := newest.scene()) is None:
             continue
         arm = next((arm for arm in scene.arms if arm.id == followed), next(iter(scene.arms), None))
-        followed, before, word = arm and arm.id, clicked, "no hand" if arm is None else "uncertain"
-        if arm is None:
-            clicked = False
-        elif is_sure(arm, points):
+        same, followed, before = arm is not None and arm.id == followed, arm and arm.id, clicked
+        clicked, word = clicked and same, "no hand" if arm is None else "uncertain"
+        if arm is not None and is_sure(arm, points):
             clicked, (a, b) = arm.grabbing, arm.points[points]
             x, y = smooth.update(hit(b, b - a, corners)[None], scene.at_ns * 1e-9)[0].clip(0.0, 1.0)
             word = "points elsewhere"

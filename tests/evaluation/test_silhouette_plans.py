@@ -74,7 +74,7 @@ def test_each_scene_seed_corruption_body_and_weight_is_run_and_the_first_of_each
 ) -> None:
     plan, followed = experiments.EXPERIMENTS[name], []
 
-    def follow(film: Any, body: str, images: str, corruption: Any, weight: float) -> Any:
+    def follow(film: Any, body: str, images: str, corruption: Any, weight: float, *, settings: Any) -> Any:
         followed.append((*film, images, body, weight))
         assert corruption.seed == film[1]
         return followed[-1], followed[-1]
@@ -326,7 +326,7 @@ def test_each_body_is_followed_with_one_camera_with_the_penalty_and_without(monk
     def scene(name: str, *, seed: int, fps: float, cameras: int) -> Any:
         return SimpleNamespace(name=name, seed=seed, rig=rig(cameras))
 
-    def follow(film: Film, body: str, images: str, corruption: Any, weight: float) -> Any:
+    def follow(film: Film, body: str, images: str, corruption: Any, weight: float, *, settings: Any) -> Any:
         followed.append((film.scene.name, film.scene.seed, body, weight))
         assert (images, corruption) == ("clean", None)
         return run_row(film.scene.name, images, weight, seed=film.scene.seed), movement()

@@ -89,7 +89,7 @@ def test_an_angle_is_from_the_direction_clockwise_in_the_picture(
 ) -> None:
     at, direction = np.array([x, 2 * x]), size * np.array([np.cos(begin), np.sin(begin)])
     pixel = at + 3 * np.array([np.cos(begin + turn), np.sin(begin + turn)])  # y is down
-    np.testing.assert_allclose(joints._angles(pixel[None], at, direction), [turn], atol=1e-6)
+    np.testing.assert_allclose(joints.angles(pixel[None], at, direction), [turn], atol=1e-6)
 
 
 PLUS = box(slice(60, 120), slice(50, 70)) | box(slice(80, 100), slice(30, 90))

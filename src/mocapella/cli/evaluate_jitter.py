@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -13,15 +12,14 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import SettingsFile
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Seeds, _names
+from mocapella.cli.evaluate import Seeds
 from mocapella.cli.evaluate_silhouettes import SceneSeconds, Settings, method_settings
 
-SceneNames = Annotated[str, typer.Option("--scenes", metavar="NAME,NAME,…", help="Rendered scenes.")]
+SCENES = ("runner",)
 
 
 @evaluate_app.command("silhouettes-jitter-limit")
 def jitter_limit(
-    scenes: SceneNames = "runner",
     seeds: Seeds = "100",
     seconds: SceneSeconds = None,
     settings_file: SettingsFile = None,
@@ -30,7 +28,7 @@ def jitter_limit(
 ) -> None:
     """Compare the jitter that the penalty removes with the most that any linear filter of the same fits could.
 
-    The images have 15 % of random pixels. docs/evaluation.md describes the limits.
+    A runner is tracked in images with 15 % of random pixels. docs/evaluation.md describes the limits.
 
     Example:  mocapella lab evaluate silhouettes-jitter-limit --seeds 100,101,102
     """
@@ -41,7 +39,7 @@ def jitter_limit(
     numbers = participant_numbers(seeds, "--seeds") or []
     fit = method_settings(settings_file, settings)
     with console.status("rendering …") as status:
-        rows = run_jitter_limit(numbers, _names(scenes), status.update, seconds=seconds, settings=fit)
+        rows = run_jitter_limit(numbers, SCENES, status.update, seconds=seconds, settings=fit)
     write_json(json, {"seeds": numbers, "rows": msgspec.to_builtins(rows)})
     if json != "-":
         show_jitter_limit(rows, Console())

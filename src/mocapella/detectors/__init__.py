@@ -86,7 +86,7 @@ def make_detector(
     from mocapella.settings import parse
 
     detector, own = arm_detector(name), dict(settings or {})
-    if independent_s is not None and hasattr(detector.settings()(), "independent_s"):
+    if independent_s is not None and hasattr(detector.settings(), "independent_s"):
         own.setdefault("independent_s", independent_s)
     gestures = parse(GestureSettings, own.pop("gestures", {}), where=f"settings of {name}, gestures")
     made: ArmDetector = detector.make(camera, parse(detector.settings(), own, where=f"settings of {name}"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -66,7 +65,7 @@ class LiveControls:
             return True
         saved = self.saved.values
         return any(
-            control.name in saved and not math.isclose(control.value, saved[control.name], rel_tol=1e-6, abs_tol=1e-9)
+            control.name in saved and abs(control.value - saved[control.name]) > 0.5 * control.step + 1e-9
             for control in found
             if not control.automatic
         )

@@ -31,7 +31,7 @@ class PalmSegmentsSettings(LineSkeletonSettings):
     Attributes:
         segment_degrees: width of a segment; larger: neighbouring fingers share one, smaller: segments are empty [°].
         palm_part: least distance of a fingertip from the palm, as a multiple of the largest circle about the palm that
-            lies within the outline; larger: fewer knuckles are fingertips.
+            lies within the outline; larger: fewer knuckles are fingertips [ratio].
         gap_m: how much nearer to the palm the hand must reach between two fingertips; larger: fewer fingers [m].
 
     Raises:

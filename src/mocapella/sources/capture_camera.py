@@ -95,9 +95,12 @@ class CaptureCamera:
         driven = getattr(capture, "getBackendName", lambda: "")() == "V4L2"
         self.times = _FROM_DRIVER if driven else _FROM_GRAB
         self._device = device = self._open_controls(self._target)
+        problems: tuple[str, ...] = ()
         if device is not None and any(control.mode == "gain" for control in device.controls()):
-            device.set_controls({}, {"gain": "gain" in self._wishes.controls.automatic})  # OpenCV knows no such mode
+            # OpenCV knows no such mode.
+            problems = device.set_controls({}, {"gain": "gain" in self._wishes.controls.automatic})
         state = set_camera(capture, self._wishes)
+        state = replace(state, problems=(*problems, *state.problems))
         found = () if device is None else device.controls()
         return replace(state, controls=_with_focus(controls_of(found), state.controls)) if found else state
 

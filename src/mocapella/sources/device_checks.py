@@ -12,6 +12,7 @@ from mocapella.sources.depth_cameras import CAMERAS, camera_class
 from mocapella.sources.k4a_libraries import find_libraries, missing
 from mocapella.sources.source import Finding
 
+_LONGEST_MODEL: Final = 200
 KINECT_SDK: Final = "KINECTSDK20_DIR"
 """Environment variable that the installer of the Kinect for Windows SDK 2.0 sets to its folder."""
 
@@ -78,7 +79,8 @@ def pi_cameras(model: Path = Path("/proc/device-tree/model")) -> Iterator[Findin
         model: file with the machine's name.
     """
     try:
-        name = model.read_bytes().rstrip(b"\0").decode("ascii", "replace")
+        with model.open("rb") as file:
+            name = file.read(_LONGEST_MODEL).rstrip(b"\0").decode("ascii", "replace")
     except OSError:
         return
     if not name.startswith("Raspberry Pi"):

@@ -36,7 +36,7 @@ class OscSender:
 
     def __init__(self, target: str) -> None:
         host, _, port = target.rpartition(":")
-        if not host or not (port.isascii() and port.isdigit() and 0 < int(port[:6]) < 65536):
+        if not host or not (len(port) <= 5 and port.isascii() and port.isdigit() and 0 < int(port) < 65536):
             raise SettingsError(f"OSC address {target!r}: {_EXAMPLE}")
         try:
             self._target = socket.gethostbyname(host), int(port)

@@ -12,13 +12,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
 from mocapella.model.camera_controls import ControlDescription, checked
 from mocapella.sensing.colour_profile import CameraControls
 from mocapella.sources.camera_controls import CameraWishes
@@ -117,9 +118,20 @@ class PiCamera:
             InputError: picamera2 is not installed, or the camera cannot be opened; states a remedy.
         """
         self.close()
+        camera = self._open_camera(self._target)
+        try:
+            return self._started(camera)
+        except (RuntimeError, OSError, TimeoutError) as error:
+            with self._lock:
+                self._camera = None
+            _closed(camera)
+            fix = "see whether another program uses it; a smaller --size needs less memory"
+            raise InputError(f"cannot be started ({error})", file=self.name, fix=fix) from None
+
+    def _started(self, camera: Any) -> SourceState:
+        """Start a camera that is open; return its state."""
         wishes = self._wishes
         size, fps = wishes.size_px or SIZE_PX, wishes.fps or FPS
-        camera = self._open_camera(self._target)
         frame_us = round(_US_PER_S / fps)
         configuration = camera.create_video_configuration(
             main={"size": size, "format": "RGB888"},  # libcamera's name of blue, green, red in memory
@@ -185,12 +197,15 @@ class PiCamera:
         """Set controls, see `mocapella.sources.picture_source.ControlledSource`; libcamera refuses no valid value.
 
         Raises:
-            SettingsError: the request is invalid, see `mocapella.model.camera_controls.checked`; nothing is set.
+            SettingsError: the camera is lost, or the request is invalid, see
+                `mocapella.model.camera_controls.checked`; nothing is set.
         """
+        if self._camera is None:
+            raise SettingsError(f"{self.name}: the camera is lost just now; set its controls again when it is back")
         accepted = checked(self.controls(), values, automatic)
         with self._lock:
             if self._camera is None:
-                return ("the camera is not open",)
+                return ("the camera is lost just now",)
             self._values.update(accepted)
             self._automatic.update(automatic)
             order: dict[str, Any] = {_MODES[mode]: on for mode, on in automatic.items()}
@@ -210,8 +225,7 @@ class PiCamera:
         with self._lock:
             camera, self._camera = self._camera, None
         if camera is not None:
-            camera.stop()
-            camera.close()
+            _closed(camera)
 
     def _settle(self, wanted: CameraControls) -> None:
         """Let the automatic modes find values that were not requested: libcamera's defaults are dark and green."""
@@ -249,6 +263,13 @@ class PiCamera:
             for name, theirs, place, _, _, mode in _CONTROLS:
                 if self._automatic.get(mode, False) and theirs in facts and name in self._values:
                     self._values[name] = _number(_part(facts[theirs], place), self._values[name])
+
+
+def _closed(camera: Any) -> None:
+    """Stop and release a camera, which may have gone."""
+    for release in (camera.stop, camera.close):
+        with suppress(RuntimeError, OSError, TimeoutError):
+            release()
 
 
 def pi_camera_number(text: str) -> int | None:

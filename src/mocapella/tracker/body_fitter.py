@@ -169,6 +169,9 @@ class BodyFitter:
             name: self._cameras.get(name) or SilhouetteCamera(by, steps.get(name, usual), s)
             for name, by in self.eyes.items()
         }
+        # While it was fitted elsewhere, the person was a thing in these images.
+        for camera in self._cameras.values():
+            camera.things.reset()
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
         """Learn the background from images of the empty room; after `start`. Moving cameras learn nothing.
@@ -218,7 +221,6 @@ class BodyFitter:
         others = others or {}
         s = self.settings
         expected = pose = self.expected(time_ns)
-        expected_at = self.body.standing(expected).vertices
         first = len(self._past) == 1
         wide = first or self._missed
         rejects = s.rejection != "none"
@@ -226,6 +228,7 @@ class BodyFitter:
         images = {name: without_speckles(image) for name, image in images.items()}
         held = self._held(images, left_out, time_ns)
         usual, steady = self._priors(expected, time_ns, held)
+        expected_at = self.body.standing(expected).vertices
         for camera in self._cameras.values():
             camera.forget_frame()
             camera.wide = wide
@@ -246,7 +249,7 @@ class BodyFitter:
                 there[name].forget_things(usable[name], others.get(name))
             self._there = not usable
         people = others
-        others = _ignored({name: camera for name, camera in there.items() if name in usable}, usable, people)
+        others = {**people, **_ignored({name: there[name] for name in there if name in usable}, usable, people)}
         if not first:
             for name in (name for name in usable if name in there):
                 there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
@@ -260,7 +263,7 @@ class BodyFitter:
         )
         if first and sure:
             pose = self._fitted_as_started(usable, others, pose, expected, rounds=rounds, segmented=segmented)
-        pose = self._with_limbs_found(usable, others, pose, expected, time_ns)
+        pose = self._with_limbs_found(usable, others, pose, expected, time_ns, held=held)
         stands, seen = self.body.standing(pose), {}
         supported = self._supported(stands)
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
@@ -337,6 +340,8 @@ class BodyFitter:
         pose: TreePose,
         expected: TreePose,
         time_ns: int,
+        *,
+        held: HeldPoints,
     ) -> TreePose:
         """Return the frame's pose with misplaced limbs recovered, except limbs that are as at a certain start."""
         s, recovery = self.settings, self._limb_recovery
@@ -348,10 +353,13 @@ class BodyFitter:
         if found is None:
             return pose
         joints, pose = found
-        self._stillness.release(self.mesh.tree.joint_parts[joints])
+        parts = self.mesh.tree.joint_parts[joints]
+        self._stillness.release(parts)
+        free = np.isin(self.body.figure.part[self.body.skin], parts)
+        held = msgspec.structs.replace(held, points=held.points & ~free)
         # The wrong positions of such a limb carry no information about its motion.
         self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
-        priors = self._priors(with_angles(expected, joints, pose.angles), time_ns)
+        priors = self._priors(with_angles(expected, joints, pose.angles), time_ns, held)
         return self._fitted(images, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
 
     def _fitted_as_started(

@@ -54,6 +54,10 @@ DOUBTED: Final = 0.7
 """Least mean, over the cameras that know the room there, of the share of a body that differs from it."""
 DOUBTED_S: Final = 0.1
 """A body is searched elsewhere each time it has been doubted for so long [s]."""
+SEARCHED_AGAIN_NS: Final = 400_000_000
+"""Further time after which a doubted body is searched again, if it was not found elsewhere [ns]."""
+ANY_WAY_UP_EVERY: Final = 5
+"""Frames between two searches of a lost body upside down and lying, which take longer than a frame."""
 WITNESSES: Final = 2
 """Number of cameras, or all if fewer, that must see a lost body to re-acquire it: one alone accepts any object."""
 
@@ -146,7 +150,8 @@ class SilhouettePresence:
         ``time_ns`` is the time of the pose, on the common clock.
         """
         landmarks = landmarks_at(self._fitters.fitters[name].mesh, pose)
-        self._bodies[name] = BodyPresence(pose, pose, landmarks, time_ns, self._whole_in(landmarks, self._rig.cameras))
+        whole_in = self._whole_in(landmarks, self._rig.cameras)
+        self._bodies[name] = BodyPresence(pose, pose, landmarks, time_ns, whole_in, sure_ns=time_ns)
 
     def wait(self) -> None:
         """Treat all bodies as lost, because the room is empty at first. After `start`.
@@ -280,15 +285,18 @@ class SilhouettePresence:
             tried[EARLIER] = body.postures[number % len(body.postures)]
         there = reacquire(
             seen, fitter.body, list(tried.values()), fitter.eyes, fit.pose if doubted else None,
-            any_way_up=not doubted,
+            any_way_up=not doubted and number % ANY_WAY_UP_EVERY == 0,
         )  # fmt: skip
         found = (words for words, pose in tried.items() if there is not None and pose.angles is there.angles)
         body.found = next(found, "")
         if doubted:
-            if there is not None:
+            if there is None:
+                body.sure_ns = fit.time_ns + SEARCHED_AGAIN_NS
+            else:
                 fitter.start(there, fit.time_ns)
             return there is not None
         known = [camera for camera in self._rig.cameras if self.empty.knows(camera)]
+        body.sure_ns = fit.time_ns
         body.placed = there is not None or len(known) < self._witnesses
         fitter.start(there or body.pose, fit.time_ns)
         return there is not None

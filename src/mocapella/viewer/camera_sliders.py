@@ -210,9 +210,14 @@ class CameraSliders:
         self._order({"ask": "save_controls"}, done)
 
     def _go_back(self) -> None:
-        had = self._saved.get("automatic") or ()
+        had = self._saved.get("automatic")
+        had = had if isinstance(had, list | tuple) else ()
         self._automatic = {control.mode: control.mode in had for control in self._known if control.mode}
-        values = {control.name: self._saved.get(control.name) for control in self._known if control.mode not in had}
+        values = {
+            control.name: self._saved.get(control.name)
+            for control in self._known
+            if control.mode not in had and not control.read_only
+        }
         self._values = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
 
     def _reset(self) -> None:
