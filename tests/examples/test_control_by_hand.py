@@ -137,6 +137,7 @@ def test_knobs_turn_by_sure_hands_only_and_a_lost_one_lets_go(monkeypatch: pytes
     ("example", "words", "expected"),
     [
         (POINTER, ["--osc", "nowhere"], "OSC address 'nowhere': expected HOST:PORT"),
+        (POINTER, ["--osc", "127.0.0.1:00000650009"], "expected HOST:PORT"),
         (KNOBS, ["--osc", "nowhere"], "OSC address 'nowhere': expected HOST:PORT"),
         (POINTER, ["--corners", *"000100200"], "--corners"),
         (KNOBS, ["--turn", "0"], "--turn"),

@@ -133,6 +133,26 @@ def test_an_automatic_mode_is_followed_and_its_values_stay_when_it_is_switched_o
     assert (device.set["ExposureTime"], device.set["AnalogueGain"]) == (8000, 4.0)
 
 
+@pytest.mark.parametrize("step", ["configure", "start", "capture_metadata"])
+def test_a_camera_that_does_not_start_is_released_and_the_error_is_ours(step: str) -> None:
+    class Broken(FakePicamera2):
+        def stop(self) -> None:
+            raise RuntimeError("not started")
+
+    def fails(*_: Any) -> None:
+        raise RuntimeError("Failed to allocate buffers.")
+
+    device = Broken()
+    setattr(device, step, fails)
+    camera = made(device)
+    with pytest.raises(InputError, match=r"cannot be started .*Failed to allocate buffers"):
+        camera.open()
+    assert device.closed
+    assert camera.controls() == ()
+    with pytest.raises(SettingsError, match="lost just now"):
+        camera.set_controls({"gain": 2.0}, {})
+
+
 def test_a_camera_without_colour_has_fewer_controls_and_says_so() -> None:
     device = FakePicamera2(size=(632, 480))
     for name in ("ColourGains", "AwbEnable", "Saturation"):

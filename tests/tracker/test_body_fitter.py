@@ -307,6 +307,29 @@ def test_time_counts_from_any_zero() -> None:
         np.testing.assert_array_equal(one.T_world_model, other.T_world_model)
 
 
+def test_a_restarted_body_is_no_thing_of_the_room() -> None:
+    """While it was fitted elsewhere, its images held a thing where it stands."""
+    tracker = BodyFitter(ROOM.mesh, ROOM.rig)
+    follow(tracker, 2)
+    for camera in tracker._cameras.values():
+        camera.things._things = np.ones((5, 5), np.bool_)
+    tracker.start(squat(2), 2 * FRAME_NS)
+    assert not any(camera.things.memory()[0].any() for camera in tracker._cameras.values())
+
+
+def test_other_people_are_no_evidence_in_any_image_also_where_the_body_is_not_expected() -> None:
+    tracker, given = BodyFitter(ROOM.mesh, ROOM.rig), []
+    follow(tracker, 2)
+    fitted = tracker._fitted
+    tracker._fitted = lambda *args, **kw: given.append(args[1]) or fitted(*args, **kw)  # type: ignore[method-assign,func-returns-value]
+    first, camera = next(iter(tracker._cameras.items()))
+    camera.look = lambda *_: False  # type: ignore[method-assign]
+    images = ROOM.images(squat(2), 2)
+    nobody = {name: np.zeros(image.shape[:2], np.bool_) for name, image in images.items()}
+    tracker.update(images, 2 * FRAME_NS, nobody)
+    assert given[0][first] is nobody[first]
+
+
 def test_a_camera_without_an_image_is_no_matter(clean: list[FittedBody]) -> None:
     tracker = BodyFitter(ROOM.mesh, ROOM.rig)
     tracker.start(squat(0), -FRAME_NS)

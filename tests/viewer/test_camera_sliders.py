@@ -165,6 +165,15 @@ def test_what_another_browser_or_the_camera_changes_is_shown(rig: Rig) -> None:
     rig.until(lambda: rig.node.has["left"][1].value == 0.0, "it is the default")
 
 
+def test_undo_leaves_out_controls_that_are_read_only(rig: Rig) -> None:
+    rig.node.has["left"][1] = replace(rig.node.has["left"][1], read_only=True)
+    rig.opened()
+    rig.until(lambda: any(control.read_only for control in rig.sliders._known), "it is known")
+    rig.sliders._go_back()
+    assert "gain" not in rig.sliders._values
+    assert "exposure" in rig.sliders._values
+
+
 def test_a_refusal_is_shown_and_the_slider_goes_back(rig: Rig) -> None:
     rig.opened()
     rig.node.fails = BusError("left: no answer within 30 s")
