@@ -15,6 +15,7 @@ from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 from mocapella.tracker.body_fitter import HALF_LIFE_S, BodyFitter, FittedBody
+from mocapella.tracker.limb_stillness import HeldPoints
 from mocapella.tracker.silhouette_camera import SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 from mocapella.tracker.surface_prior import SurfacePrior
@@ -380,7 +381,8 @@ def test_a_deviation_from_the_prediction_counts_as_the_acceleration_that_it_is(
     tracker, pose, last_ns = BodyFitter(ROOM.mesh, ROOM.rig), squat(0), round(before_s * 1e9)
     tracker.start(pose, 0)
     tracker._past = [(0, pose), (last_ns, pose)]
-    tracker._priors(pose, last_ns + round(since_s * 1e9))
+    free = HeldPoints(np.zeros(len(tracker.body.skin), np.bool_), np.zeros((len(tracker.body.skin), 3)))
+    tracker._priors(pose, last_ns + round(since_s * 1e9), free)
     fall_m = [0.5 * 9.81 * at_s**2 for at_s in (0.0, before_s, before_s + since_s)]
     predicted_m = fall_m[1] + (fall_m[1] - fall_m[0]) * since_s / before_s
     ((told_s, per_s2),) = given

@@ -15,8 +15,6 @@ from mocapella.cli.common import JsonOut, console, participant_numbers, write_js
 from mocapella.cli.evaluate import Seeds
 from mocapella.cli.evaluate_silhouettes import SceneSeconds, Settings, method_settings
 
-SCENES = ("runner",)
-
 
 @evaluate_app.command("silhouettes-jitter-limit")
 def jitter_limit(
@@ -39,7 +37,7 @@ def jitter_limit(
     numbers = participant_numbers(seeds, "--seeds") or []
     fit = method_settings(settings_file, settings)
     with console.status("rendering …") as status:
-        rows = run_jitter_limit(numbers, SCENES, status.update, seconds=seconds, settings=fit)
+        rows = run_jitter_limit(numbers, tell=status.update, seconds=seconds, settings=fit)
     write_json(json, {"seeds": numbers, "rows": msgspec.to_builtins(rows)})
     if json != "-":
         show_jitter_limit(rows, Console())

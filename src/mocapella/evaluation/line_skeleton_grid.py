@@ -14,7 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import EvaluationError, SettingsError
+from mocapella.errors import EvaluationError
+from mocapella.evaluation.plots import new_figure, save_figure
 from mocapella.model.arms import ARM_JOINTS
 from mocapella.model.camera import Camera
 from mocapella.model.observations import JointState
@@ -139,15 +140,8 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise SettingsError(
-            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        ) from error
     grids = [row.grid_px for row in rows]
-    figure = Figure(figsize=(7, 3.2), layout="constrained")
+    figure = new_figure(path, 7, 3.2)
     time, accuracy = figure.subplots(1, 2)
     time.plot(grids, [row.median_ms for row in rows], "o-", label="median")
     time.plot(grids, [row.p95_ms for row in rows], "o--", label="95 %")
@@ -157,10 +151,7 @@ def plot_grid(rows: Sequence[GridRow], path: Path) -> None:
     accuracy.set(xlabel="grid [px]", ylabel="median distance [mm]", ylim=(0, None), xticks=grids)
     for axes in (time, accuracy):
         axes.legend()
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"{path}: {error}; name a .png or .svg in a folder that exists") from error
+    save_figure(figure, path)
 
 
 def _off(joints: Float64, states: NDArray[np.uint8], truth: Float64) -> Float64:

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.plots import new_figure, save_figure
 from mocapella.evaluation.silhouette_runs import BODIES, Film, filmed, follow, overlaps, rough_joints, with_penalty
 from mocapella.evaluation.silhouettes import (
     FEET,
@@ -247,7 +248,7 @@ def plot_movements(shown: Sequence[PlottedScene], hinges: Sequence[str], path: P
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = wide_figure(path, (11, 2.0 * (len(hinges) + 1) * len(shown)))
+    figure = new_figure(path, 11, 2.0 * (len(hinges) + 1) * len(shown))
     parts = np.atleast_1d(figure.subfigures(len(shown), 1))
     for part, one in zip(parts, shown, strict=True):
         true, rows = one.film.truth, len(hinges) + 1
@@ -294,7 +295,7 @@ def plot_weights(rows: Sequence[RunRow], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = wide_figure(path, (9, 3.4))
+    figure = new_figure(path, 9, 3.4)
     error, jitter = figure.subplots(1, 2)
     weights = sorted({row.weight for row in rows})
     for k, scene in enumerate(sorted({row.scene for row in rows})):
@@ -327,31 +328,3 @@ def _penalty(weight: float) -> str:
 
 def _colour(weight: float) -> str:
     return _WITHOUT if weight == 0 else _WITH
-
-
-def wide_figure(path: Path, size: tuple[float, float]) -> Any:
-    """Create a matplotlib figure of that size, width and height [inch]; ``path`` is only named in the error.
-
-    Raises:
-        SettingsError: matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise SettingsError(
-            f"{path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        ) from error
-    return Figure(figsize=size, layout="constrained")
-
-
-def save_figure(figure: Any, path: Path) -> None:
-    """Write a matplotlib figure to a file, whose suffix determines the format.
-
-    Raises:
-        SettingsError: it cannot be written there.
-    """
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"{path}: {error}; name a .png or .svg in a folder that exists") from error

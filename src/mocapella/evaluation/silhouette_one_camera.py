@@ -18,7 +18,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.evaluation.silhouette_experiments import RunRow, check_run, followed, save_figure, wide_figure
+from mocapella.evaluation.plots import new_figure, save_figure
+from mocapella.evaluation.silhouette_experiments import RunRow, check_run, followed
 from mocapella.evaluation.silhouette_runs import Film, filmed, with_penalty
 from mocapella.evaluation.silhouettes import Movement
 from mocapella.geometry.rigid import apply
@@ -211,7 +212,7 @@ def plot_one_camera(shown: Sequence[OneCameraShown], path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    drawing = wide_figure(path, (11, 2.6 * len(shown)))
+    drawing = new_figure(path, 11, 2.6 * len(shown))
     axes = drawing.subplots(len(shown), 3, squeeze=False)
     colours = {0.0: "C1", 1.0: "C0"}
     for (depth, across, free), one in zip(axes, shown, strict=True):

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.evaluation.silhouette_experiments import save_figure, wide_figure
+from mocapella.evaluation.plots import new_figure, save_figure
 from mocapella.evaluation.silhouette_runs import Film, filmed, follow, rough_joints, with_penalty
 from mocapella.evaluation.silhouettes import Movement, joint_errors_deg
 from mocapella.model.body_meshes import legs_mesh
@@ -218,7 +218,7 @@ def plot_wrong_frame(shown: WrongFrameShown, path: Path) -> None:
     Raises:
         SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    figure = wide_figure(path, (12, 0.5 + 2.0 * len(shown.pictures)))
+    figure = new_figure(path, 12, 0.5 + 2.0 * len(shown.pictures))
     widths = (0.9, *(1.3 for _ in CASES))
     axes = figure.subplots(len(shown.pictures), len(widths), width_ratios=widths, squeeze=False)
     at = np.arange(len(shown.truth)) / shown.truth.fps

@@ -113,6 +113,56 @@ def newton(
     return x + dx, y + dy, dx, dy
 
 
+@njit(**INLINED)
+def add_to_system(
+    S: Float64, m: int, w: float, px: float, py: float, pz: float, qx: float, qy: float, qz: float, du: float, dv: float
+) -> None:
+    """Add two equations p·x = du and q·x = dv of weight w to the normal equations of lane m, rows 0 to 8 of S."""
+    wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
+    S[0, m] += wpx * px + wqx * qx
+    S[1, m] += wpx * py + wqx * qy
+    S[2, m] += wpx * pz + wqx * qz
+    S[3, m] += wpy * py + wqy * qy
+    S[4, m] += wpy * pz + wqy * qz
+    S[5, m] += wpz * pz + wqz * qz
+    S[6, m] += wpx * du + wqx * dv
+    S[7, m] += wpy * du + wqy * dv
+    S[8, m] += wpz * du + wqz * dv
+
+
+@njit(**INLINED)
+def solved(S: Float64, m: int) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return the inverse (6, as `inverse`) of the normal equations of lane m, and their solution (3)."""
+    A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
+    x = A * S[6, m] + B * S[7, m] + C * S[8, m]
+    y = B * S[6, m] + D * S[7, m] + E * S[8, m]
+    z = C * S[6, m] + E * S[7, m] + F * S[8, m]
+    return A, B, C, D, E, F, x, y, z
+
+
+@njit(**INLINED)
+def keep_inverse(
+    S: Float64, m: int, now: bool, A: float, B: float, C: float, D: float, E: float, F: float
+) -> None:  # fmt: skip
+    """Write the inverse (6) of lane m to rows 18 to 23 of S, if ``now``."""
+    S[18, m] = A if now else S[18, m]
+    S[19, m] = B if now else S[19, m]
+    S[20, m] = C if now else S[20, m]
+    S[21, m] = D if now else S[21, m]
+    S[22, m] = E if now else S[22, m]
+    S[23, m] = F if now else S[23, m]
+
+
+@njit(**INLINED)
+def write_point(S: Float64, m: int, i: int, points: Float64, covariances: Float64) -> None:
+    """Write the point of lane m (rows 10 to 12 of S) and its covariance (rows 18 to 23) to row i of the results."""
+    points[i, 0], points[i, 1], points[i, 2] = S[10, m], S[11, m], S[12, m]
+    A, B, C, D, E, F = S[18, m], S[19, m], S[20, m], S[21, m], S[22, m], S[23, m]
+    covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
+    covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
+    covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
+
+
 @njit(**COMPILED)
 def fit_most(
     views: Float64, pixels: Float64, sd: Float64, gate2: float, points: Float64, covariances: Float64,
@@ -160,21 +210,9 @@ def fit_most(
                 px, py, pz = R0 - x * R6, R1 - x * R7, R2 - x * R8
                 qx, qy, qz = R3 - y * R6, R4 - y * R7, R5 - y * R8
                 p, q = x * tz - tx, y * tz - ty
-                wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
-                S[0, m] += wpx * px + wqx * qx
-                S[1, m] += wpx * py + wqx * qy
-                S[2, m] += wpx * pz + wqx * qz
-                S[3, m] += wpy * py + wqy * qy
-                S[4, m] += wpy * pz + wqy * qz
-                S[5, m] += wpz * pz + wqz * qz
-                S[6, m] += wpx * p + wqx * q
-                S[7, m] += wpy * p + wqy * q
-                S[8, m] += wpz * p + wqz * q
+                add_to_system(S, m, w, px, py, pz, qx, qy, qz, p, q)
         for m in range(lanes):
-            A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
-            S[10, m] = A * S[6, m] + B * S[7, m] + C * S[8, m]
-            S[11, m] = B * S[6, m] + D * S[7, m] + E * S[8, m]
-            S[12, m] = C * S[6, m] + E * S[7, m] + F * S[8, m]
+            _, _, _, _, _, _, S[10, m], S[11, m], S[12, m] = solved(S, m)
         for _ in range(4):
             S[:10] = 0.0
             for k in range(count):
@@ -184,32 +222,15 @@ def fit_most(
                         views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m]
                     )
                     S[9, m] += w * (du * du + dv * dv)
-                    wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
-                    S[0, m] += wpx * px + wqx * qx
-                    S[1, m] += wpx * py + wqx * qy
-                    S[2, m] += wpx * pz + wqx * qz
-                    S[3, m] += wpy * py + wqy * qy
-                    S[4, m] += wpy * pz + wqy * qz
-                    S[5, m] += wpz * pz + wqz * qz
-                    S[6, m] += wpx * du + wqx * dv
-                    S[7, m] += wpy * du + wqy * dv
-                    S[8, m] += wpz * du + wqz * dv
+                    add_to_system(S, m, w, px, py, pz, qx, qy, qz, du, dv)
             open_ = 0.0
             for m in range(lanes):
-                A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
-                sx = A * S[6, m] + B * S[7, m] + C * S[8, m]
-                sy = B * S[6, m] + D * S[7, m] + E * S[8, m]
-                sz = C * S[6, m] + E * S[7, m] + F * S[8, m]
+                A, B, C, D, E, F, sx, sy, sz = solved(S, m)
                 now = 1.0 if S[13, m] == 0.0 else 0.0  # 0 once converged
                 S[10, m] += now * sx
                 S[11, m] += now * sy
                 S[12, m] += now * sz
-                S[18, m] = A if now == 1.0 else S[18, m]
-                S[19, m] = B if now == 1.0 else S[19, m]
-                S[20, m] = C if now == 1.0 else S[20, m]
-                S[21, m] = D if now == 1.0 else S[21, m]
-                S[22, m] = E if now == 1.0 else S[22, m]
-                S[23, m] = F if now == 1.0 else S[23, m]
+                keep_inverse(S, m, now == 1.0, A, B, C, D, E, F)
                 done = S[6, m] * sx + S[7, m] * sy + S[8, m] * sz < 1e-5
                 hopeless = not S[9, m] <= 16.0 * gate2 * S[16, m]
                 S[17, m] += 1.0 if hopeless else 0.0
@@ -227,11 +248,7 @@ def fit_most(
             i = begin + m
             fitted[i] = ALL if S[16, m] >= 2.0 and S[13, m] == 1.0 and S[17, m] == 0.0 else LEFT
             if fitted[i] == ALL:
-                points[i, 0], points[i, 1], points[i, 2] = S[10, m], S[11, m], S[12, m]
-                A, B, C, D, E, F = S[18, m], S[19, m], S[20, m], S[21, m], S[22, m], S[23, m]
-                covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
-                covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
-                covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
+                write_point(S, m, i, points, covariances)
                 for k in range(count):
                     residuals[i, k] = P[3 * k, m] if P[3 * k + 2, m] > 0.0 else math.nan
 
@@ -351,32 +368,15 @@ def fit_agreeing(
                         views, k, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m]
                     )
                     du, dv = du if w > 0.0 else 0.0, dv if w > 0.0 else 0.0
-                    wpx, wpy, wpz, wqx, wqy, wqz = w * px, w * py, w * pz, w * qx, w * qy, w * qz
-                    S[0, m] += wpx * px + wqx * qx
-                    S[1, m] += wpx * py + wqx * qy
-                    S[2, m] += wpx * pz + wqx * qz
-                    S[3, m] += wpy * py + wqy * qy
-                    S[4, m] += wpy * pz + wqy * qz
-                    S[5, m] += wpz * pz + wqz * qz
-                    S[6, m] += wpx * du + wqx * dv
-                    S[7, m] += wpy * du + wqy * dv
-                    S[8, m] += wpz * du + wqz * dv
+                    add_to_system(S, m, w, px, py, pz, qx, qy, qz, du, dv)
             open_ = 0.0
             for m in range(lanes):
-                A, B, C, D, E, F = inverse(S[0, m], S[1, m], S[2, m], S[3, m], S[4, m], S[5, m])
-                sx = A * S[6, m] + B * S[7, m] + C * S[8, m]
-                sy = B * S[6, m] + D * S[7, m] + E * S[8, m]
-                sz = C * S[6, m] + E * S[7, m] + F * S[8, m]
+                A, B, C, D, E, F, sx, sy, sz = solved(S, m)
                 now = S[13, m] == 0.0
                 S[10, m] = S[10, m] + sx if now else S[10, m]
                 S[11, m] = S[11, m] + sy if now else S[11, m]
                 S[12, m] = S[12, m] + sz if now else S[12, m]
-                S[18, m] = A if now else S[18, m]
-                S[19, m] = B if now else S[19, m]
-                S[20, m] = C if now else S[20, m]
-                S[21, m] = D if now else S[21, m]
-                S[22, m] = E if now else S[22, m]
-                S[23, m] = F if now else S[23, m]
+                keep_inverse(S, m, now, A, B, C, D, E, F)
                 done = S[6, m] * sx + S[7, m] * sy + S[8, m] * sz < 1e-5
                 S[13, m] = 1.0 if done or not now else 0.0
                 open_ += 1.0 - S[13, m]
@@ -394,11 +394,7 @@ def fit_agreeing(
             i = at[m]
             if S[13, m] == 1.0 and S[17, m] == 0.0:
                 fitted[i] = AGREED
-                points[i, 0], points[i, 1], points[i, 2] = S[10, m], S[11, m], S[12, m]
-                A, B, C, D, E, F = S[18, m], S[19, m], S[20, m], S[21, m], S[22, m], S[23, m]
-                covariances[i, 0, 0], covariances[i, 0, 1], covariances[i, 0, 2] = A, B, C
-                covariances[i, 1, 0], covariances[i, 1, 1], covariances[i, 1, 2] = B, D, E
-                covariances[i, 2, 0], covariances[i, 2, 1], covariances[i, 2, 2] = C, E, F
+                write_point(S, m, i, points, covariances)
                 for k in range(count):
                     residuals[i, k] = tried[k, m] if P[8 * k + 2, m] > 0.0 else math.nan
                     used[i, k] = kept[k, m] > 0.0

@@ -35,7 +35,7 @@ from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
 from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
 from mocapella.tracker.limb_stillness import HeldPoints, LimbStillness
-from mocapella.tracker.limb_support import LimbSupport
+from mocapella.tracker.limb_support import LimbSupport, OutlineEvidence
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
@@ -239,20 +239,20 @@ class BodyFitter:
         }
         left_out |= shows_another_scene(there, images, left_out, s, time_ns) if rejects else {}
         usable = {name: image for name, image in images.items() if name in self._cameras and name not in left_out}
+        there = {name: camera for name, camera in there.items() if name in usable}
         rounds, segmented = (s.rounds * SETTLING, s.rounds * SETTLING - 1) if first else (s.rounds, s.segmented)
         if self._missed and not first:
             rounds, segmented = 2 * rounds, 2 * rounds - 1
         sure = self._there
         if sure:
             self._stillness.certain(self.body.standing(expected))
-            for name in (name for name in usable if name in there):
-                there[name].forget_things(usable[name], others.get(name))
+            for name, camera in there.items():
+                camera.forget_things(usable[name], others.get(name))
             self._there = not usable
-        people = others
-        others = {**people, **_ignored({name: there[name] for name in there if name in usable}, usable, people)}
+        people, others = others, {**others, **_ignored(there, usable, others)}
         if not first:
-            for name in (name for name in usable if name in there):
-                there[name].segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
+            for name, camera in there.items():
+                camera.segment(usable[name], others.get(name), near=self._as_expected or segmented == 1)
             hidden = hides_the_body(self._segmented(), left_out, s, time_ns) if rejects else {}
             for name, reason in hidden.items():
                 left_out[name] = reason
@@ -265,12 +265,13 @@ class BodyFitter:
             pose = self._fitted_as_started(usable, others, pose, expected, rounds=rounds, segmented=segmented)
         pose = self._with_limbs_found(usable, others, pose, expected, time_ns, held=held)
         stands, seen = self.body.standing(pose), {}
-        supported = self._supported(stands)
+        evidence = self._evidence(stands)
+        supported = self._support.supported(stands.landmarks, [*evidence.values()])
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
-        for name, camera in self._segmented().items():
-            if camera.look(self.body.figure, stands.vertices, s):
-                seen[name] = msgspec.structs.replace(camera.seen(), stands_out=camera.stands_out())
-                camera.learn(images[name], people.get(name))
+        for name, one in evidence.items():
+            camera = self._cameras[name]
+            seen[name] = msgspec.structs.replace(camera.seen(), shown=one.shown, stands_out=camera.stands_out())
+            camera.learn(images[name], people.get(name))
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
             last_ns, last = self._past[-1]
@@ -373,8 +374,9 @@ class BodyFitter:
         segmented: int,
     ) -> TreePose:
         """Return the first frame's pose, with parts that no image shows as at the start, which is certain."""
-        supported = self._supported(self.body.standing(pose))
-        hidden = self._support.hidden_parts(supported)
+        stands = self.body.standing(pose)
+        evidence = [*self._evidence(stands).values()]
+        hidden = self._support.hidden_parts(self._support.supported(stands.landmarks, evidence))
         if not hidden.any():
             return pose
         points = hidden[self.body.figure.part[self.body.skin]]
@@ -382,14 +384,13 @@ class BodyFitter:
         priors = self._priors(started, self._past[-1][0], held)
         return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
 
-    def _supported(self, stands: Standing) -> Bool:
-        """Return whether images support each landmark of the body; the cameras look for it where it is."""
-        evidence = [
-            camera.support()
-            for camera in self._segmented().values()
+    def _evidence(self, stands: Standing) -> dict[str, OutlineEvidence]:
+        """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands."""
+        return {
+            name: camera.support()
+            for name, camera in self._segmented().items()
             if camera.look(self.body.figure, stands.vertices, self.settings)
-        ]
-        return self._support.supported(stands.landmarks, evidence)
+        }
 
     def _segmented(self) -> dict[str, SilhouetteCamera]:
         """Return the cameras whose images of this frame were segmented and show the body."""
@@ -437,9 +438,7 @@ class BodyFitter:
         known = {name: one for name, one in changes.items() if one is not None}
         return self._stillness.update(self.body.standing(self._past[-1][1]), known, len(used))
 
-    def _priors(
-        self, expected: TreePose, time_ns: int, held: HeldPoints | None = None
-    ) -> tuple[Prior, Sequence[Prior]]:
+    def _priors(self, expected: TreePose, time_ns: int, held: HeldPoints) -> tuple[Prior, Sequence[Prior]]:
         """Return the prior of usual angles, and the priors of smooth motion."""
         s = self.settings
         weak = np.full(len(self._usual), s.usual_per_rad)
@@ -450,15 +449,13 @@ class BodyFitter:
         if s.steadiness is None:
             return usual, ()
         if len(self._past) < 2:
-            if held is not None:
-                self._surface.hold(held)
+            self._surface.hold(held)
             return usual, ()
         (before_ns, _), (last_ns, last) = self._past
         since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
         per_s2 = 2.0 / (since_s * (since_s + before_s))
         self._surface.expect(self.body.standing(expected), since_s, per_s2)
-        if held is not None:
-            self._surface.hold(held)
+        self._surface.hold(held)
         penalty = s.steadiness.penalty(per_s2)
         turns = np.zeros(len(self._usual))
         turns[self.body.balls.first + 2] = 1.0 / (s.steadiness.turn_rad_per_s * since_s)

@@ -54,17 +54,16 @@ DOUBTED: Final = 0.7
 """Least mean, over the cameras that know the room there, of the share of a body that differs from it."""
 DOUBTED_S: Final = 0.1
 """A body is searched elsewhere each time it has been doubted for so long [s]."""
-SEARCHED_AGAIN_NS: Final = 400_000_000
-"""Further time after which a doubted body is searched again, if it was not found elsewhere [ns]."""
+SEARCHED_AGAIN_S: Final = 0.4
+"""Further time after which a doubted body is searched again, if it was not found elsewhere [s]."""
 ANY_WAY_UP_EVERY: Final = 5
 """Frames between two searches of a lost body upside down and lying, which take longer than a frame."""
 WITNESSES: Final = 2
-"""Number of cameras, or all if fewer, that must see a lost body to re-acquire it: one alone accepts any object."""
-
-
+"""Number of cameras, or all if fewer, that must see a lost body to re-acquire one alone accepts any object."""
 LAST: Final = "found in its last posture"
 FIRST: Final = "found in its first posture"
 EARLIER: Final = "found in an earlier posture"
+"""How a search found a body, in words of the messages."""
 
 
 class BodyPresence(msgspec.Struct, eq=False):
@@ -291,7 +290,7 @@ class SilhouettePresence:
         body.found = next(found, "")
         if doubted:
             if there is None:
-                body.sure_ns = fit.time_ns + SEARCHED_AGAIN_NS
+                body.sure_ns = fit.time_ns + round(SEARCHED_AGAIN_S * NS_PER_S)
             else:
                 fitter.start(there, fit.time_ns)
             return there is not None

@@ -61,9 +61,8 @@ def reacquire(
         seen: foreground relative to the empty room, by camera.
         body: the lost body.
         before: poses whose postures are tried in this order; a later one is taken only if its overlap is larger by
-            `BETTER_PLACED`, because the earlier ones are likelier. Not changed.
-            The body is rotated only about its own long axis, so that its inclination stays
-            that of the pose.
+            `BETTER_PLACED`, because the earlier ones are likelier. Not changed. The body is rotated only about
+            its own long axis, so that its inclination stays that of the pose.
         eyes: the cameras of ``seen``, by name.
         any_way_up: whether the first posture is also tried upside down and lying, where none covers the foreground
             well.
@@ -89,33 +88,25 @@ def reacquire(
             best, least = pose, most + BETTER_PLACED
         if best is not None and most >= WELL_COVERED:
             break
-    if any_way_up and least < WELL_COVERED:
-        there = [_moved(one, point - body.standing(one).vertices.mean(axis=0)) for one in before[:1]]
-        tilted = _tilted_best(body, there, shown)
-        if tilted is not None and tilted[1] >= (least if best is None else least - BETTER_PLACED + BETTER_TURNED):
-            best = tilted[0]
+    if any_way_up and before and least < WELL_COVERED:
+        there = _moved(before[0], point - body.standing(before[0]).vertices.mean(axis=0))
+        tilted, most = _tilted_best(body, there, shown)
+        if most >= (least if best is None else least - BETTER_PLACED + BETTER_TURNED):
+            best = tilted
     return best
 
 
-def _tilted_best(
-    body: SilhouetteBody, poses: Sequence[TreePose], shown: Sequence[tuple[Eye, Bool]]
-) -> tuple[TreePose, float] | None:
-    """Return the poses' best rotation, any way up, moved and turned to its largest overlap; None without a pose.
+def _tilted_best(body: SilhouetteBody, pose: TreePose, shown: Sequence[tuple[Eye, Bool]]) -> tuple[TreePose, float]:
+    """Return the pose's best rotation, any way up, moved and turned to its largest overlap.
 
-    Of front and back, which are alike in outlines, it faces more like the first pose.
+    Of front and back, which are alike in outlines, it faces more like the pose.
     """
-    tried = [
-        _turned(_tilted(one, tilt, body.standing(one).vertices.mean(axis=0)), by)
-        for one in poses
-        for tilt in TILTS
-        for by in (0.0, *TURNS_RAD)
-    ]
-    if not tried:
-        return None
+    middle = body.standing(pose).vertices.mean(axis=0)
+    tried = [_turned(_tilted(pose, tilt, middle), by) for tilt in TILTS for by in (0.0, *TURNS_RAD)]
     values = [_covers(body, one, shown) for one in tried]
     best, most = _nearer(body, tried[int(np.argmax(values))], shown, tilting=True)
     other, value = _nearer(body, _turned(best, np.pi), shown, tilting=True)
-    faced = poses[0].T_world_model[:3, 2]
+    faced = pose.T_world_model[:3, 2]
     if value >= most - ALIKE and other.T_world_model[:3, 2] @ faced > best.T_world_model[:3, 2] @ faced:
         return other, most  # the fit brings it nearer
     return best, most
@@ -157,15 +148,14 @@ def _turned(pose: TreePose, by_rad: float) -> TreePose:
     return TreePose(pose.T_world_model @ rigid(rotation_about_y(by_rad), np.zeros(3)), pose.angles)
 
 
-def _tilted(pose: TreePose, by_rad: Float64, about: Float64 | None = None) -> TreePose:
-    """Return the pose rotated about its own x and z axes through a point (3,) of the world, or through its origin.
+def _tilted(pose: TreePose, by_rad: Float64, about: Float64) -> TreePose:
+    """Return the pose rotated about its own x and z axes through a point (3,) of the world.
 
     ``by_rad`` (2,) are the angles [rad].
     """
     T = pose.T_world_model.copy()
     R = T[:3, :3] @ rotation_about_x(float(by_rad[0])) @ rotation_about_z(float(by_rad[1])) @ T[:3, :3].T
-    middle = T[:3, 3] if about is None else about
-    T[:3, :3], T[:3, 3] = R @ T[:3, :3], middle + R @ (T[:3, 3] - middle)
+    T[:3, :3], T[:3, 3] = R @ T[:3, :3], about + R @ (T[:3, 3] - about)
     return TreePose(T, pose.angles)
 
 

@@ -269,11 +269,11 @@ class SilhouetteCamera:
         )  # fmt: skip
 
     def seen(self) -> SeenIn:
-        """Return the body in this frame's image: contour, outline, and how they agree; only if it is `segmented`."""
+        """Return the body in this frame's image: contour, outline and their overlap; only if it is `segmented`."""
         assert self._outline is not None
         assert self._found is not None
         contour = self._found[0]
-        return SeenIn(contour, self._outline, alike(self._outline, contour.phi), self.support().shown)
+        return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
 
     def stands_out(self) -> float:
         """Return the share of the segmented region that differs from the background learnt so far, see `SeenIn`.
