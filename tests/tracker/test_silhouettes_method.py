@@ -130,8 +130,9 @@ def test_two_people_are_followed_and_who_leaves_is_lost_and_found(whole):
     said = {scene.state.reason for scene in scenes}
     assert any("ben is in no camera's image" in reason for reason in said)
     assert any("c2: its image is black" in reason for reason in said)
-    # In such small pictures, a hand may be doubted.
-    assert all(part.startswith("no image shows") for part in scenes[-1].state.reason.split("; ") if part)
+    # In such small pictures, a hand is narrower than a sample, and doubted.
+    doubt = "no image shows anna's left wrist, left hand, left fingertip: predicted, not measured"
+    assert scenes[-1].state.reason in {"", doubt}
     assert [body.name for body in scenes[-1].bodies] == list(NAMES)
     ben = scenes[-1].bodies[1]
     assert np.linalg.norm(ben.T_world_model[:3, 3] - [0.6, 0, 0]) < 0.25
