@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 from support.evaluation_sessions import KINECT, body
 
 from mocapella.evaluation import posture_sessions
-from mocapella.evaluation.posture_sessions import POSTURE_S, PostureResult, _arrival, _room, _score
+from mocapella.evaluation.posture_sessions import (
+    POSTURE_S,
+    PostureResult,
+    _arrival,
+    _room,
+    _score,
+    _with_true_labels,
+    ideal_means,
+)
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, inverse, rigid, rotation_about_y
 from mocapella.model.observations import JointState, body_frame
 from mocapella.sources.simulate.postures import RISE_S
+
+Float64 = NDArray[np.float64]
 
 MIRROR = list(KINECT.mirror)
 PLACES = {"main": rigid(np.eye(3), [0.0, 1.0, 0.0]), "side": rigid(rotation_about_y(0.7), [2.0, 1.0, 0.5])}
@@ -88,6 +103,7 @@ def test_the_best_sensor_is_the_one_whose_tracked_joints_are_nearest(
     found = result(monkeypatch, off_m, found=lambda true: true + np.array([0.0, 0.0, 0.02]))
     assert found.best_m == pytest.approx(0.03, abs=1e-6)
     assert found.fused_m == pytest.approx(0.02)
+    assert found.mean_m == pytest.approx(sum(off_m) / 2, abs=1e-6)
 
 
 def test_left_and_right_are_wrong_if_exchanging_them_is_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,3 +146,41 @@ def test_a_frame_arrives_its_own_sensors_latency_after_its_instant() -> None:
     for name, latency_s in zip(room.sensor_names, (0.06, 0.07), strict=True):
         item: Any = SimpleNamespace(frame=SimpleNamespace(sensor=name), truth=SimpleNamespace(room_ns=10**9))
         assert _arrival(room, item).at_ns == round(1e9 * (1 + latency_s))
+
+
+ERRORS = arrays(np.float64, (2, 5, 4, 3), elements=st.integers(-50, 50).map(lambda n: n / 100))
+
+
+@given(ERRORS)
+def test_ideal_means_of_one_sensor_are_its_error_and_of_exact_ones_nothing(errors: Float64) -> None:
+    own = np.linalg.norm(errors[0], axis=-1).mean()
+    np.testing.assert_allclose(ideal_means([list(errors[0])]), own)
+    np.testing.assert_allclose(ideal_means([list(errors[0]), list(-errors[0])]), 0, atol=1e-15)
+    assert ideal_means([list(errors[0]), list(np.zeros_like(errors[0]))])[1] < 1e-9
+
+
+@given(ERRORS, st.floats(0.1, 10))
+def test_ideal_means_know_no_order_of_sensors_and_grow_with_the_errors(errors: Float64, factor: float) -> None:
+    one = ideal_means([list(errors[0]), list(errors[1])])
+    np.testing.assert_allclose(ideal_means([list(errors[1]), list(errors[0])]), one, rtol=1e-9)
+    grown = ideal_means([list(factor * errors[0]), list(factor * errors[1])])
+    np.testing.assert_allclose(grown, factor * np.array(one), rtol=1e-9, atol=1e-15)
+
+
+def test_ideal_weights_are_better_than_none_for_sensors_unlike_in_quality() -> None:
+    rng = np.random.default_rng(0)
+    plain, weighted = ideal_means([list(rng.normal(0, sd, (200, 25, 3))) for sd in (0.01, 0.04)])
+    assert weighted < 0.6 * plain
+    assert weighted < 0.01 * math.sqrt(8 / math.pi)  # better than the better sensor alone
+
+
+def test_a_view_that_exchanges_left_and_right_counts_with_the_true_labels() -> None:
+    for seen in (TRUE, TRUE[MIRROR]):
+        np.testing.assert_array_equal(_with_true_labels(seen, TRUE), TRUE)
+
+
+def test_a_joint_that_a_sensor_does_not_track_is_another_sensors_alone() -> None:
+    first, second = np.full((3, 2, 3), 0.1), np.full((3, 2, 3), 0.3)
+    first[:, 1] = np.nan
+    np.testing.assert_allclose(ideal_means([list(first), list(second)])[0], math.sqrt(3) * (0.2 + 0.3) / 2)
+    assert np.isnan(ideal_means([list(first), []])).all()

@@ -56,6 +56,9 @@ class PostureResult(msgspec.Struct, frozen=True):
         wrong: number of frames whose left and right are exchanged: exchanging them back lowers the mean error.
         fused_m: mean error of the joints of the fused skeleton [m].
         best_m: mean error of the joints of the best sensor with its own labels [m].
+        mean_m: mean error of the mean of the sensors' views, with true poses and labels [m].
+        weighted_m: as ``mean_m``, with each joint weighted by the inverse of its true mean square error in the view:
+            what fusion of single frames could reach if it knew the errors [m].
     """
 
     posture: str
@@ -66,6 +69,8 @@ class PostureResult(msgspec.Struct, frozen=True):
     wrong: int
     fused_m: float
     best_m: float
+    mean_m: float
+    weighted_m: float
 
 
 def score_postures(
@@ -99,6 +104,7 @@ def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float
     main, frames, missing, warned, wrong = room.sensor_names[0], 0, 0, 0, 0
     fused: list[float] = []
     sensors: dict[str, list[float]] = {name: [] for name in room.sensor_names}
+    views: dict[str, list[Float64]] = {name: [] for name in room.sensor_names}
     T_world = {sensor.name: sensor.T_world_sensor for sensor in room.settings.sensors}
     for item in _frames(room, begins_s, begins_s + POSTURE_S):
         scene = tracker.update(_arrival(room, item))
@@ -110,6 +116,7 @@ def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float
             seen = apply(T_world[item.frame.sensor], item.frame.positions[0])
             tracked = item.frame.states[0] != JointState.NOT_TRACKED
             sensors[item.frame.sensor].append(float(np.linalg.norm(seen - truth, axis=-1)[tracked].mean()))
+            views[item.frame.sensor].append(_with_true_labels(np.where(tracked[:, None], seen, np.nan), truth) - truth)
         if item.frame.sensor != main:
             continue
         frames += 1
@@ -123,9 +130,44 @@ def _score(tracker: DefaultTracker, room: Room, posture: str, heading_deg: float
         wrong += bool(np.nanmean(exchanged[_SIDED]) < np.nanmean(error[_SIDED]))
         fused.append(float(np.nanmean(error)))
     best = min((float(np.mean(errors)) for errors in sensors.values() if errors), default=np.nan)
+    fused_m = float(np.mean(fused)) if fused else np.nan
     return PostureResult(
-        posture, heading_deg, frames, missing, warned, wrong, float(np.mean(fused)) if fused else np.nan, best
+        posture, heading_deg, frames, missing, warned, wrong, fused_m, best, *ideal_means([*views.values()])
     )
+
+
+def _with_true_labels(seen: Float64, truth: Float64) -> Float64:
+    """Return joints (joints, 3), left and right exchanged if that brings them nearer to the true ones."""
+    straight, exchanged = (np.nanmean(np.linalg.norm(seen[order] - truth, axis=-1)) for order in (slice(None), _MIRROR))
+    return seen[_MIRROR] if exchanged < straight else seen
+
+
+def ideal_means(views: Sequence[Sequence[Float64]]) -> tuple[float, float]:
+    """Return the mean errors of the plain and of the ideally weighted mean of several sensors' views [m].
+
+    The weight of a joint in a view is the inverse of its mean square error over all frames of the sensor
+    (Aitken, 1936: the best linear estimate of independent errors). Both are NaN without frames of every sensor.
+
+    Args:
+        views: of each sensor, the errors (joints, 3) of its frames [m]; NaN where a joint is not tracked.
+    """
+    count = min(map(len, views))
+    if count == 0:
+        return np.nan, np.nan
+    errors = np.array([frames[:count] for frames in views])
+    square = (errors**2).sum(-1)
+    known = np.isfinite(square)
+    of_joint = np.where(known, square, 0.0).sum(1) / np.maximum(known.sum(1), 1)
+    weights = np.broadcast_to(1.0 / np.maximum(of_joint, np.finfo(np.float64).tiny)[:, None], known.shape)
+    plain, weighted = (_mean_error(errors, np.where(known, w, 0.0)) for w in (np.ones(known.shape), weights))
+    return plain, weighted
+
+
+def _mean_error(errors: Float64, weights: Float64) -> float:
+    """Return the mean length of the weighted mean of errors (sensors, frames, joints, 3) over the sensors [m]."""
+    total = weights.sum(0)
+    mean = (np.nan_to_num(errors) * weights[..., None]).sum(0)[total > 0] / total[total > 0][:, None]
+    return float(np.linalg.norm(mean, axis=-1).mean())
 
 
 def _frames(room: Room, begin_s: float, end_s: float) -> Iterator[SimulatedFrame]:
