@@ -130,6 +130,16 @@ class PairParameters(NamedTuple):
     turned_weight: float
 
 
+class PairLimits(NamedTuple):
+    """Fields of `pair_calibration.PairSettings` that judge an estimate, as a named tuple of floats, for the kernels."""
+
+    residual_floor_m: float
+    samples_wanted: float
+    position_sd_wanted_m: float
+    rotation_sd_wanted: float
+    residual_allowed_m: float
+
+
 def turned_joints(topology: Topology) -> NDArray[np.bool_]:
     """Return which joints (joints,) depth sensors turn towards themselves: shoulders, elbows and hips.
 
