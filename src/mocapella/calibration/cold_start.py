@@ -7,6 +7,7 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 from __future__ import annotations
 
 import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice, product
@@ -63,6 +64,8 @@ class ColdStart:
     def __post_init__(self) -> None:
         self._stack: PairArrays | None = None
         self._rows: list[Float64] = []
+        self._of: tuple[Mapping[int, int], Mapping[int, int]] = ({}, {})
+        self._slots = np.empty((0, 2), dtype=np.int64)
 
     def update(
         self, a: SensorTracks, b: SensorTracks, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
@@ -73,24 +76,30 @@ class ColdStart:
             a, b: each sensor's bodies; hypotheses of other bodies are dropped.
             mirror, turned: (joints,) of the topology, as in `PairCalibration.update`.
         """
+        if self._of[0] is not a.slots or self._of[1] is not b.slots or not self.hypotheses:
+            self._choose(a, b)
+        if not self.hypotheses:
+            return
+        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
+        rows = (one.bodies.get(key[:2]) for key, one in self.hypotheses.items())
+        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
+            self._stack = None
+        if turned is None:
+            turned = np.zeros(len(mirror), dtype=np.bool_)
+        _kernels().take_newest_of_each(
+            self._stacked(), a.arrays, b.arrays, self._slots, mirror, turned, self.settings.parameters
+        )
+
+    def _choose(self, a: SensorTracks, b: SensorTracks) -> None:
+        """Drop hypotheses of bodies that are gone, and add those of new ones."""
         kept = {key: one for key, one in self.hypotheses.items() if key[0] in a.bodies and key[1] in b.bodies}
         ids = product(sorted(a.bodies), sorted(b.bodies), (False, True))
         for key in islice((key for key in ids if key not in kept), MOST - len(kept)):
             kept[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
         if kept.keys() != self.hypotheses.keys():
             self.hypotheses, self._stack = kept, None
-        if not kept:
-            return
-        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
-        rows = (one.bodies.get(key[:2]) for key, one in kept.items())
-        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
-            self._stack = None
-        slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
-        if turned is None:
-            turned = np.zeros(len(mirror), dtype=np.bool_)
-        _kernels().take_newest_of_each(
-            self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters
-        )
+        self._of = a.slots, b.slots
+        self._slots = np.array([(a.slots[one], b.slots[other]) for one, other, _ in kept], dtype=np.int64)
 
     def clear(self) -> None:
         """Drop all hypotheses."""

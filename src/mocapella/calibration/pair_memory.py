@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -282,9 +282,10 @@ class SensorTracks:
         """The arrays of all slots as a named tuple, for the kernels."""
         return BodyFrames(self.times, self.points, self.weights, self.held)
 
-    def slot(self, body: int) -> int:
-        """Return the slot of a body; `KeyError` if it has none."""
-        return self._slots[body]
+    @property
+    def slots(self) -> Mapping[int, int]:
+        """Slots of the bodies, by tracking id; a new object whenever they change."""
+        return self._slots
 
     def newest_centres(self) -> Float64:
         """Return the centre of each body's newest visible joints (bodies, 3), in order of ids [m]; NaN without any."""
