@@ -6,6 +6,7 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -65,6 +66,7 @@ class ColdStart:
         self._stack: PairArrays | None = None
         self._rows: list[Float64] = []
         self._of: tuple[Mapping[int, int], Mapping[int, int]] = ({}, {})
+        self._who: list[tuple[int, int]] = []
         self._slots = np.empty((0, 2), dtype=np.int64)
 
     def update(
@@ -81,7 +83,7 @@ class ColdStart:
         if not self.hypotheses:
             return
         # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
-        rows = (one.bodies.get(key[:2]) for key, one in self.hypotheses.items())
+        rows = (one.bodies.get(who) for one, who in zip(self.hypotheses.values(), self._who, strict=True))
         if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
             self._stack = None
         if turned is None:
@@ -98,7 +100,7 @@ class ColdStart:
             kept[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
         if kept.keys() != self.hypotheses.keys():
             self.hypotheses, self._stack = kept, None
-        self._of = a.slots, b.slots
+        self._of, self._who = (a.slots, b.slots), [key[:2] for key in kept]
         self._slots = np.array([(a.slots[one], b.slots[other]) for one, other, _ in kept], dtype=np.int64)
 
     def clear(self) -> None:
@@ -181,8 +183,8 @@ class ColdStart:
         near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
         together = near.sum(axis=(1, 2)).tolist()
         counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
-        fits_best = dict(zip(counts, (-residuals[known]).tolist(), strict=True))
-        key = max(counts, key=lambda key: (counts[key], fits_best[key]))
+        _, _, first = max(zip(counts.values(), (-residuals[known]).tolist(), range(0, -len(known), -1), strict=True))
+        key = keys[known[-first]]
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0
@@ -248,8 +250,8 @@ def _kernels() -> Any:
 
 def _turned(T: Float64, other: Float64) -> float:
     """Return the angle between two motions' rotations [rad]; NaN if one is unknown."""
-    cosine = (np.einsum("ij,ij->", T[:3, :3], other[:3, :3]) - 1) / 2
-    return float(np.arccos(np.clip(cosine, -1, 1)))
+    cosine = (float((T[:3, :3] * other[:3, :3]).sum()) - 1) / 2
+    return math.acos(min(max(cosine, -1.0), 1.0)) if math.isfinite(cosine) else math.nan
 
 
 WHICH_SIDE = texts.WHICH_SIDE
