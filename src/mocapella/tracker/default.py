@@ -358,7 +358,7 @@ class DefaultTracker:
         if self._people is not None and names:
             back = inverse(np.array(before[1:]))
             for name, T_before, T_back, T in zip(names, before[1:], back, now[1:], strict=True):
-                if T is not T_before and not (T == T_before).all():
+                if T is not T_before and not (T_before == T).all():
                     self._people.move_sensor(name, T @ T_back)
         self._views, self._places = None, self._sensor_places()
 
