@@ -192,3 +192,31 @@ def test_hypotheses_of_a_crowd_are_bounded_and_stay_the_same() -> None:
     assert first[:3] == [(0, 0, False), (0, 0, True), (0, 1, False)]
     cold.update(many, many, MIRROR)
     assert list(cold.hypotheses) == first
+
+
+def test_hypotheses_together_are_what_each_would_be_alone() -> None:
+    """They share a body's interpolated frames only at one time, and bodies may change their slots."""
+    people = {k: Walker((0.7 * k - 0.7, 2.6), phase=1.7 * k, speed=0.6) for k in range(3)}
+    sensors = Sensor("a", FRONT, noise=0.01), Sensor("b", SIDE, noise=0.01, phase=0.011)
+    seen = [SensorTracks.empty(len(KINECT_V2)) for _ in sensors]
+    cold, alone = ColdStart(PairSettings()), dict[tuple[int, int, bool], PairCalibration]()
+    for k in range(45):
+        for sensor, tracks in zip(sensors, seen, strict=True):
+            bodies = sensor.see(people, sensor.phase + k / RATE_HZ)
+            order = np.arange(len(bodies.ids))
+            if k == 20:
+                tracks.clear()
+                order = order[::-1]
+            ids = [bodies.ids[i] for i in order]
+            tracks.add(sensor.phase + k / RATE_HZ, ids, bodies.positions[order], bodies.states[order], 0.2)
+        cold.update(*seen, MIRROR)
+        for (one, other, swapped), together in cold.hypotheses.items():
+            begun = (one, other, swapped) in alone
+            single = alone.setdefault((one, other, swapped), PairCalibration(mirrored_at_first=swapped))
+            single.update((one, other), seen[0].bodies[one], seen[1].bodies[other], MIRROR)
+            if not begun:
+                together.scalars[at.REFERENCE_OFFSET] = single.scalars[at.REFERENCE_OFFSET] = 0.01 * (one % 2 + swapped)
+    assert len(alone) == 18
+    for key, single in alone.items():
+        assert single.scalars[at.STEPS] > 5
+        assert single.is_copy_of(cold.hypotheses[key])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.pair_judgement import covariance as pose_covariance
 from support.walking_people import (
     BACK,
     FRONT,
@@ -29,7 +30,6 @@ from mocapella.calibration.pair_calibration import (
     ON_A_LINE,
     PairCalibration,
     PairSettings,
-    _covariance,
 )
 from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack, turned_joints
 from mocapella.errors import SettingsError
@@ -323,12 +323,15 @@ def test_the_units_of_angles_and_of_the_clock_do_not_matter_to_the_covariance(
     seed: int, per_rad: float, per_s: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    H, B = (x @ np.swapaxes(x, -1, -2) for x in rng.normal(size=(2, 1, 7, 20)))
-    W, samples, motion_s, residual, offset_sd = rng.uniform(0.5, 2.0, (5, 1))
+    H, B = (x @ x.T for x in rng.normal(size=(2, 7, 20)))
+    W, samples, motion_s, residual, offset_sd = rng.uniform(0.5, 2.0, 5).tolist()
 
     def covariance(units: np.ndarray) -> np.ndarray:
         scale = np.outer(units, units)
-        return _covariance(H * scale, B * scale, W, samples, motion_s, residual, offset_sd / units[6], PairSettings())
+        return pose_covariance(
+            H * scale, B * scale, weight=W, samples=samples, motion_s=motion_s, residual=residual,
+            offset_sd=offset_sd / float(units[6]),
+        )  # fmt: skip
 
     units = np.array([1.0] * 3 + [per_rad] * 3 + [per_s])
     expected = covariance(np.ones(7)) / np.outer(units[:6], units[:6])

@@ -8,17 +8,14 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from support.pair_judgement import covariance, offset_of, problem_of
 from support.walking_people import FRONT, SIDE
 
 from mocapella.calibration import pair_memory as at
 from mocapella.calibration.pair_calibration import (
-    COMMON_PART,
-    M_ESTIMATE,
-    MOST_SAMPLES,
+    MIRRORED_STREAM,
     NOT_ONE_BODY,
     ON_A_LINE,
-    PRIOR_SAMPLES,
-    SAMPLE_JOINTS,
     TOLD_APART_M,
     TOLD_CENTRE,
     TOLD_JOINTS,
@@ -29,12 +26,20 @@ from mocapella.calibration.pair_calibration import (
     PairCalibration,
     PairEstimate,
     PairSettings,
-    _covariance,
-    _problems,
+    estimates,
+)
+from mocapella.calibration.pair_estimate_kernels import (
+    COMMON_PART,
+    M_ESTIMATE,
+    MIRRORED_M,
+    MOST_SAMPLES,
+    ON_A_LINE_M,
+    PRIOR_SAMPLES,
+    SAMPLE_JOINTS,
 )
 from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset
 from mocapella.errors import SettingsError
-from mocapella.geometry.alignment import align, centred_products, moments
+from mocapella.geometry.alignment import align, centred_products, moments, normal_equations
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
 
@@ -47,17 +52,6 @@ E6 = np.eye(7)[6]
 def normal_matrix(seed: int) -> np.ndarray:
     x = np.random.default_rng(seed).normal(size=(7, 20)) * np.array([[1], [1], [1], [2.5], [2.5], [2.5], [0.5]])
     return 10.0 * x @ x.T
-
-
-def covariance(
-    H: np.ndarray, B: np.ndarray, *, samples: float = 4.0, motion_s: float = 2.0, residual: float = 0.05,
-    offset_sd: float = 0.01, weight: float = 500.0,
-) -> np.ndarray:  # fmt: skip
-    one = np.ones(1)
-    found = _covariance(
-        H[None], B[None], weight * one, samples * one, motion_s * one, residual * one, offset_sd * one, S
-    )
-    return np.asarray(found[0])
 
 
 def expected_scatter(H: np.ndarray, samples: float, motion_s: float, residual: float, weight: float) -> np.ndarray:
@@ -113,8 +107,7 @@ def problem(across_m: float = 0.1, weight: float = 30.0, **changed: float) -> st
         "samples": float(S.samples_wanted), "position_sd": S.position_sd_wanted_m,
         "rotation_sd": S.rotation_sd_wanted, "residual": S.residual_allowed_m, **changed,
     }  # fmt: skip
-    (found,) = _problems(body_moments(across_m, weight)[None], *(np.full(1, value) for value in values.values()), S)
-    return found
+    return problem_of(body_moments(across_m, weight), **values)
 
 
 def above(value: float) -> float:
@@ -179,6 +172,33 @@ def test_an_offset_is_known_from_its_bound_and_its_number_of_samples_on() -> Non
         found = pair.estimate()
         assert found.offset.known is found.offset_now.known is known
         assert found.offset.seconds == (found.offset_now.seconds if known else 0.0)
+
+
+def test_compiled_figures_are_those_of_the_formulas_in_arrays() -> None:
+    """Normal matrix, singular values and clock in other ways, of pairs with and without a clock offset."""
+    pairs = [seen_pair(seed) for seed in range(6)]
+    for k, pair in enumerate(pairs):
+        pair.scalars[[at.OFFSET, at.REFERENCE_OFFSET]] = 0.004 * k, 0.02
+        pair.clock *= k > 0
+    for pair, found in zip(pairs, estimates(pairs), strict=True):
+        H, _ = normal_equations(pair.moments, pair.T_a_b, pair.scalars[at.OFFSET])
+        seconds, sd = offset_of(pair.clock)
+        C = covariance(H, pair.scatter, samples=9.0, motion_s=5.0, offset_sd=float(sd), weight=float(pair.moments[0]))
+        np.testing.assert_allclose(found.covariance, C, rtol=1e-9, atol=1e-15)
+        assert found.offset_now.seconds == pytest.approx(float(seconds) + 0.02)
+        shape = np.linalg.svd(centred_products(pair.moments) / pair.moments[0], compute_uv=False)
+        assert (found.problem == ON_A_LINE) == (shape[1] < ON_A_LINE_M**2)
+        assert found.T_a_b is not pair.T_a_b
+        assert not np.shares_memory(found.T_a_b, pair.T_a_b)
+
+
+def test_a_mirrored_stream_is_told_from_a_flat_body() -> None:
+    signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    good = {"samples": 9.0, "position_sd": 0.01, "rotation_sd": 0.01, "residual": 0.05}
+    for depth_m, expected in ((MIRRORED_M + 0.001, MIRRORED_STREAM), (MIRRORED_M - 0.001, "")):
+        q = signs * [0.5, 0.4, depth_m]
+        assert problem_of(moments(q * [-1, 1, 1], q, np.ones(8)), **good) == expected
+        assert problem_of(moments(q, q, np.ones(8)), **good) == ""
 
 
 def told(**values: Any) -> PairEstimate:

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.pair_judgement import offset_of
 from support.walking_people import FRONT, SIDE, Sensor, Walker
 from test_pair_calibration import calibrated
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.time_offset import BLOCKS_WANTED, OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
+from mocapella.calibration.time_offset import BLOCKS_WANTED, OFFSET_PRIOR_SD, TimeOffset, moved_clock
 
 
 def sums(u: np.ndarray, r: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -6,7 +6,9 @@ a body has walked, only the correct hypothesis still fits one rigid motion.
 
 from __future__ import annotations
 
+import math
 import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice, product
@@ -63,6 +65,9 @@ class ColdStart:
     def __post_init__(self) -> None:
         self._stack: PairArrays | None = None
         self._rows: list[Float64] = []
+        self._of: tuple[Mapping[int, int], Mapping[int, int]] = ({}, {})
+        self._who: list[tuple[int, int]] = []
+        self._slots = np.empty((0, 2), dtype=np.int64)
 
     def update(
         self, a: SensorTracks, b: SensorTracks, mirror: NDArray[np.int64], turned: NDArray[np.bool_] | None = None
@@ -73,24 +78,30 @@ class ColdStart:
             a, b: each sensor's bodies; hypotheses of other bodies are dropped.
             mirror, turned: (joints,) of the topology, as in `PairCalibration.update`.
         """
+        if self._of[0] is not a.slots or self._of[1] is not b.slots or not self.hypotheses:
+            self._choose(a, b)
+        if not self.hypotheses:
+            return
+        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
+        rows = (one.bodies.get(who) for one, who in zip(self.hypotheses.values(), self._who, strict=True))
+        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
+            self._stack = None
+        if turned is None:
+            turned = np.zeros(len(mirror), dtype=np.bool_)
+        _kernels().take_newest_of_each(
+            self._stacked(), a.arrays, b.arrays, self._slots, mirror, turned, self.settings.parameters
+        )
+
+    def _choose(self, a: SensorTracks, b: SensorTracks) -> None:
+        """Drop hypotheses of bodies that are gone, and add those of new ones."""
         kept = {key: one for key, one in self.hypotheses.items() if key[0] in a.bodies and key[1] in b.bodies}
         ids = product(sorted(a.bodies), sorted(b.bodies), (False, True))
         for key in islice((key for key in ids if key not in kept), MOST - len(kept)):
             kept[key] = PairCalibration(self.settings, mirrored_at_first=key[2])
         if kept.keys() != self.hypotheses.keys():
             self.hypotheses, self._stack = kept, None
-        if not kept:
-            return
-        # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
-        rows = (one.bodies.get(key[:2]) for key, one in kept.items())
-        if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
-            self._stack = None
-        slots = np.array([(a.slot(one), b.slot(other)) for one, other, _ in self.hypotheses], dtype=np.int64)
-        if turned is None:
-            turned = np.zeros(len(mirror), dtype=np.bool_)
-        _kernels().take_newest_of_each(
-            self._stacked(), a.arrays, b.arrays, slots, mirror, turned, self.settings.parameters
-        )
+        self._of, self._who = (a.slots, b.slots), [key[:2] for key in kept]
+        self._slots = np.array([(a.slots[one], b.slots[other]) for one, other, _ in kept], dtype=np.int64)
 
     def clear(self) -> None:
         """Drop all hypotheses."""
@@ -172,8 +183,8 @@ class ColdStart:
         near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
         together = near.sum(axis=(1, 2)).tolist()
         counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
-        fits_best = dict(zip(counts, (-residuals[known]).tolist(), strict=True))
-        key = max(counts, key=lambda key: (counts[key], fits_best[key]))
+        _, _, first = max(zip(counts.values(), (-residuals[known]).tolist(), range(0, -len(known), -1), strict=True))
+        key = keys[known[-first]]
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0
@@ -239,8 +250,8 @@ def _kernels() -> Any:
 
 def _turned(T: Float64, other: Float64) -> float:
     """Return the angle between two motions' rotations [rad]; NaN if one is unknown."""
-    cosine = (np.einsum("ij,ij->", T[:3, :3], other[:3, :3]) - 1) / 2
-    return float(np.arccos(np.clip(cosine, -1, 1)))
+    cosine = (float((T[:3, :3] * other[:3, :3]).sum()) - 1) / 2
+    return math.acos(min(max(cosine, -1.0), 1.0)) if math.isfinite(cosine) else math.nan
 
 
 WHICH_SIDE = texts.WHICH_SIDE

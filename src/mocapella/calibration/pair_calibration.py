@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration import pair_memory as at
-from mocapella.calibration.pair_memory import BodyTrack, PairArrays, PairParameters, new_body
-from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock, offset_of
-from mocapella.geometry.alignment import MOMENTS, centred_products, cross_matrix, moments, normal_equations, shifted
+from mocapella.calibration.pair_memory import BodyTrack, PairArrays, PairLimits, PairParameters, new_body
+from mocapella.calibration.time_offset import OFFSET_PRIOR_SD, TimeOffset, moved_clock
+from mocapella.geometry.alignment import MOMENTS, moments, shifted
 from mocapella.geometry.rigid import apply
 from mocapella.model import condition_texts as texts
 from mocapella.settings import check
@@ -127,6 +127,11 @@ class PairSettings:
         """The settings as a named tuple of floats, for the kernels."""
         return PairParameters(*(float(getattr(self, name)) for name in PairParameters._fields))
 
+    @cached_property
+    def limits(self) -> PairLimits:
+        """The settings that judge an estimate, as a named tuple of floats, for the kernels."""
+        return PairLimits(*(float(getattr(self, name)) for name in PairLimits._fields))
+
 
 class PairEstimate(msgspec.Struct, frozen=True, eq=False):
     """Result for a pair of sensors, a and b.
@@ -168,6 +173,8 @@ WALK_ACROSS: Final = texts.WALK_ACROSS
 ON_A_LINE: Final = texts.ON_A_LINE
 NOT_ONE_BODY: Final = texts.NOT_ONE_BODY
 MIRRORED_STREAM: Final = texts.MIRRORED_STREAM
+PROBLEMS: Final = ("", ON_A_LINE, MIRRORED_STREAM, NOT_ONE_BODY, WALK, WALK_ACROSS)
+"""Texts of an estimate's problems, by the index that `pair_estimate_kernels.problem_of` returns."""
 
 
 @dataclass
@@ -330,88 +337,24 @@ def _nothing(pair: PairCalibration) -> PairEstimate:
 
 
 def _estimates(pairs: Sequence[PairCalibration]) -> list[PairEstimate]:
-    settings = pairs[0].settings
+    settings, n = pairs[0].settings, len(pairs)
     M, T, S, B, K = (
-        np.stack(arrays)
+        np.array(arrays)
         for arrays in zip(
             *((pair.moments, pair.T_a_b, pair.scalars, pair.scatter, pair.clock) for pair in pairs), strict=True
         )
     )
-    H, _ = normal_equations(M, T, S[:, at.OFFSET])
-    blocks, squares = S[:, at.BLOCKS], S[:, at.BLOCKS_SQ]
-    samples = np.where(squares > 0, blocks * blocks / np.where(squares > 0, squares, 1.0), 0.0)
-    residual = S[:, at.COST] / S[:, at.COST_WEIGHT]
-    seconds, offset_sd = offset_of(K)
-    C = _covariance(H, B, M[:, 0], samples, S[:, at.MOTION], residual, offset_sd, settings)
-    at_people = np.concatenate([np.broadcast_to(np.eye(3), (len(pairs), 3, 3)), -cross_matrix(
-        S[:, at.CENTRE : at.CENTRE + 3] / S[:, at.COST_WEIGHT, None])], axis=-1)  # fmt: skip
-    position_sd = np.sqrt(np.einsum("pij,pjk,pik->p", at_people, C, at_people))
-    rotation_sd = np.sqrt(C[:, 3, 3] + C[:, 4, 4] + C[:, 5, 5])
-    offset_known = (2 * offset_sd <= settings.offset_bound_wanted_s) & (samples >= settings.samples_wanted)
-    seconds += S[:, at.REFERENCE_OFFSET]
-    problems = _problems(M, samples, position_sd, rotation_sd, residual, settings)
-    return [
-        PairEstimate(
-            T_a_b=pair.T_a_b.copy(),
-            covariance=C[i].copy(),
-            position_sd=float(position_sd[i]),
-            rotation_sd=float(rotation_sd[i]),
-            motion_s=float(S[i, at.MOTION]),
-            samples=float(samples[i]),
-            residual=float(residual[i]),
-            offset=TimeOffset(
-                float(seconds[i]) if offset_known[i] else 0.0, float(offset_sd[i]), bool(offset_known[i])
-            ),
-            offset_now=TimeOffset(float(seconds[i]), float(offset_sd[i]), bool(offset_known[i])),
-            problem=problems[i],
-        )
-        for i, pair in enumerate(pairs)
-    ]
-
-
-def _covariance(  # noqa: PLR0917 - arrays over the pairs
-    H: Float64, B: Float64, W: Float64, samples: Float64, motion_s: Float64, residual: Float64, offset_sd: Float64,
-    settings: PairSettings,
-) -> Float64:  # fmt: skip
-    """Return the covariance (pairs, 6, 6) of the twist, with the offset known to ``offset_sd`` (pairs,) [s]."""
-    samples = np.maximum(samples, 1.0)  # one posture is one sample
-    error = np.maximum(residual, 0.5 * settings.residual_floor_m)
-    # Scaled so that H is near the identity, because metres, radians and seconds differ in size.
-    diagonal = np.diagonal(H, axis1=-2, axis2=-1)
-    unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal[:, :1]))
-    values, axes = np.linalg.eigh(unit[:, :, None] * H * unit[:, None, :])
-    values = np.maximum(values, LEAST_EIGENVALUE)[:, None, :]
-    axes_back = np.swapaxes(axes, -1, -2)
-    # Prior of the scatter: a sample is worth its joints, with independent errors, once their noise has averaged out.
-    noise = 1.0 + NOISE_S / np.maximum(motion_s, 1e-3)
-    one = (error**2 * W / (3 * SAMPLE_JOINTS))[:, None, None] * ((axes * values) @ axes_back)
-    expected = (noise / samples)[:, None, None] * one
-    seen = unit[:, :, None] * B * unit[:, None, :]
-    half = unit[:, :, None] * ((axes / values) @ axes_back)
-    n = samples[:, None, None]
-    scatter = (n * seen + PRIOR_SAMPLES * expected) / (n + PRIOR_SAMPLES) + one / MOST_SAMPLES
-    covariance = M_ESTIMATE * half @ scatter @ np.swapaxes(half, -1, -2)
-    covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
-    gain = covariance[:, :, 6] / (covariance[:, 6, 6] + offset_sd**2)[:, None]
-    pose = (covariance - gain[:, :, None] * covariance[:, 6, None, :])[:, :6, :6]
-    common = (COMMON_PART * error) ** 2 / 3
-    return np.asarray(pose + common[:, None, None] * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-
-
-def _problems(  # noqa: PLR0917 - likewise
-    M: Float64, samples: Float64, position_sd: Float64, rotation_sd: Float64, residual: Float64, settings: PairSettings
-) -> list[str]:
-    products = centred_products(M)
-    shape = np.linalg.svd(products / M[:, 0, None, None], compute_uv=False)
-    unsure = (position_sd > settings.position_sd_wanted_m) | (rotation_sd > settings.rotation_sd_wanted)
-    problems = (
-        (shape[:, 1] < ON_A_LINE_M**2, ON_A_LINE),
-        ((np.linalg.det(products) < 0) & (shape[:, 2] > MIRRORED_M**2), MIRRORED_STREAM),
-        (residual > settings.residual_allowed_m, NOT_ONE_BODY),
-        (unsure & (samples < settings.samples_wanted), WALK),
-        (unsure, WALK_ACROSS),
-    )
-    return [next((text for wrong, text in problems if wrong[i]), "") for i in range(len(M))]
+    C, figures = np.empty((n, 6, 6)), np.empty((n, 7))
+    _estimate_each()(M, T, S, B, K, settings.limits, C, figures)
+    found = []
+    for i, (scalars, own) in enumerate(zip(S.tolist(), figures.tolist(), strict=True)):
+        position_sd, rotation_sd, samples, residual, seconds, offset_sd, problem = own
+        known = 2 * offset_sd <= settings.offset_bound_wanted_s and samples >= settings.samples_wanted
+        now = TimeOffset(seconds + scalars[at.REFERENCE_OFFSET], offset_sd, known)
+        offset = now if known else TimeOffset(0.0, offset_sd, False)
+        motion_s, text = scalars[at.MOTION], PROBLEMS[int(problem)]
+        found.append(PairEstimate(T[i], C[i], position_sd, rotation_sd, motion_s, samples, residual, offset, now, text))
+    return found
 
 
 TOLD_CENTRE: Final = np.array([0.0, 0.0, 2.5])
@@ -423,31 +366,13 @@ TOLD_RESIDUAL_M: Final = 0.1
 """Expected distance between two views of a joint, before it is known [m]."""
 TOLD_APART_M: Final = 0.3
 """Expected distance between the centres of two views of a person, before it is known [m]."""
-LEAST_EIGENVALUE: Final = 1e-7
-"""Lower bound of the eigenvalues of H in units of its diagonal."""
 SHIFT_TRUSTED: Final = 0.1
 """Change of the assumed clock offset that reduces the weight of earlier moments to 1/e [s]."""
 CENTRES: Final = (at.CENTRE, at.CENTRE + 1, at.CENTRE + 2)
-PRIOR_SAMPLES: Final = 2.0
-"""Weight of the prior of the scatter B (see the module), as a number of samples."""
-SAMPLE_JOINTS: Final = 25.0
-"""Number of joints with independent errors that a sample is worth."""
-MOST_SAMPLES: Final = 8.0
-"""Number of samples beyond which an estimate does not become more certain: systematic errors repeat."""
-COMMON_PART: Final = 0.3
-"""Error that all joints of a view share, a shift of the whole body, as a fraction of the residual."""
-NOISE_S: Final = 1.0
-"""Time after which the noise of one posture is as small as its systematic error [s]."""
 REACH_M: Final = 1.0
 """Distance from people's positions so far within which they are expected next [m]."""
-M_ESTIMATE: Final = 1.5
-"""Factor of the covariance: the weights 1/residual make H, for 3-D points, up to 3/2 times too large."""
 RESAMPLE_BEYOND: Final = 0.01
 """Change of the clock offset beyond which frames are interpolated anew instead of moved along their velocity [s]."""
-ON_A_LINE_M: Final = 0.03
-"""Least scatter of points across their line for determining the rotation about it [m]."""
-MIRRORED_M: Final = 0.15
-"""Least scatter of points in their third direction for a reflection to mean a mirrored image, not a flat body [m]."""
 
 
 @cache
@@ -456,3 +381,11 @@ def _take_newest() -> Callable[..., bool]:
     from mocapella.calibration import pair_kernels
 
     return cast(Callable[..., bool], pair_kernels.take_newest)
+
+
+@cache
+def _estimate_each() -> Callable[..., None]:
+    """Import the compiled judgement on first use."""
+    from mocapella.calibration import pair_estimate_kernels
+
+    return cast(Callable[..., None], pair_estimate_kernels.estimate_each)

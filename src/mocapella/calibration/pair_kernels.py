@@ -9,6 +9,8 @@ State is in arrays, whose elements the constants of `pair_memory` name. Times ar
 # ruff: noqa: PLR0917 - compiled: arrays come by position, and loops are written out
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,7 +72,7 @@ CLOCK_FASTEST = 3.0
 """Joints whose velocity changes by more are left out [m/s]."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Float64, w: Float64) -> int:
     """Interpolate a body's frames at a time.
 
@@ -109,7 +111,36 @@ def resample(times: Float64, points: Float64, weights: Float64, t: float, q: Flo
     return 1
 
 
-@njit(cache=True)
+class Interpolated(NamedTuple):
+    """A sensor's bodies at one time each, so that hypotheses that share a body interpolate its frames once.
+
+    Attributes:
+        at_s: (slots,) the time [s]; NaN before the first.
+        known: (slots,) whether frames surround it.
+        x, v: (slots, joints, 3) joints, or their changes [m], and velocities, or their changes [m/s].
+        w: (slots, joints) weights.
+    """
+
+    at_s: Float64
+    known: Bools
+    x: Float64
+    v: Float64
+    w: Float64
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolated(slots: int, joints: int) -> Interpolated:
+    """Return bodies without a time."""
+    return Interpolated(
+        np.full(slots, np.nan),
+        np.zeros(slots, dtype=np.bool_),
+        np.empty((slots, joints, 3)),
+        np.empty((slots, joints, 3)),
+        np.empty((slots, joints)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def take_newest(
     pair: PairArrays, a: BodyFrames, b: BodyFrames, mirror: Int64, turned: Bools, p: PairParameters
 ) -> bool:
@@ -125,6 +156,56 @@ def take_newest(
         turned: (joints,) whether sensors turn the joint towards themselves, see `pair_memory.turned_joints`.
         p: the settings.
     """
+    first, one, joints = np.int64(0), np.int64(1), len(mirror)
+    now, a_lag, b_lag = _interpolated(one, joints), _interpolated(one, joints), _interpolated(one, joints)
+    return bool(_take(pair, a, b, first, first, now, a_lag, b_lag, mirror, turned, p))
+
+
+@njit(cache=True, error_model="numpy")
+def take_newest_of_each(
+    pairs: PairArrays, a: BodyFrames, b: BodyFrames, slots: Int64, mirror: Int64, turned: Bools, p: PairParameters
+) -> None:
+    """Do what `take_newest` does for each of several hypotheses about the bodies of two sensors.
+
+    Args:
+        pairs: state of each hypothesis: the arrays of `PairArrays` with a leading axis (hypotheses,), updated in place.
+        a, b: frames of all bodies of a sensor: the arrays of `BodyFrames` with a leading axis (slots,).
+        slots: (hypotheses, 2) slots of the two bodies, in a and in b.
+        mirror, turned, p: as in `take_newest`.
+    """
+    joints = len(mirror)
+    now, a_lag = _interpolated(len(b.times), joints), _interpolated(len(a.times), joints)
+    b_lag = _interpolated(len(b.times), joints)
+    for i in range(len(slots)):
+        pair = PairArrays(
+            pairs.moments[i], pairs.scatter[i], pairs.T_a_b[i], pairs.scalars[i], pairs.clock[i], pairs.body[i]
+        )
+        one, other = slots[i, 0], slots[i, 1]
+        _take(
+            pair,
+            BodyFrames(a.times[one], a.points[one], a.weights[one], a.held[one]),
+            BodyFrames(b.times[other], b.points[other], b.weights[other], b.held[other]),
+            one,
+            other,
+            now,
+            a_lag,
+            b_lag,
+            mirror,
+            turned,
+            p,
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def _take(
+    pair: PairArrays, a: BodyFrames, b: BodyFrames, one: int, other: int, now: Interpolated, a_lag: Interpolated,
+    b_lag: Interpolated, mirror: Int64, turned: Bools, p: PairParameters,
+) -> bool:  # fmt: skip
+    """Do what `take_newest` does; the two bodies' slots are ``one`` and ``other``.
+
+    ``now`` has the bodies of b at the time of a frame, ``a_lag`` and ``b_lag`` the changes for the clock; all may be
+    left from another pair of bodies in this instant, and are updated.
+    """
     S, body, half = pair.scalars, pair.body, p.velocity_window_s
     joints, offset = len(mirror), S[REFERENCE_OFFSET]
     b_end = b.held[1]
@@ -138,9 +219,12 @@ def take_newest(
         return False
     t = a.times[i]
     body[LAST] = t
-    v, q, w_q = np.empty((joints, 3)), np.empty((joints, 3)), np.empty(joints)
-    if not _moving(frames, t + offset, half, q, v, w_q):
+    if now.at_s[other] != t + offset:
+        now.at_s[other] = t + offset
+        now.known[other] = _moving(frames, t + offset, half, now.x[other], now.v[other], now.w[other])
+    if not now.known[other]:
         return False
+    q, v, w_q = now.x[other], now.v[other], now.w[other]
     w, w_mirrored = np.empty(joints), np.empty(joints)
     used = 0
     for j in range(joints):
@@ -152,39 +236,13 @@ def take_newest(
         a_frames = BodyFrames(
             a.times[a.held[0] : i + 1], a.points[a.held[0] : i + 1], a.weights[a.held[0] : i + 1], a.held
         )
-        _learn_clock(body, pair.T_a_b, a_frames, frames, t - half, offset, half, mirror)
+        if _changes(a_frames, t - half, half, one, a_lag) and _changes(frames, t - half + offset, half, other, b_lag):
+            _learn_clock(body, pair.T_a_b, one, a_lag, other, b_lag, mirror)
     _step(pair, t, a.points[i], q, v, w, w_mirrored, mirror, turned, p)
     return True
 
 
-@njit(cache=True)
-def take_newest_of_each(
-    pairs: PairArrays, a: BodyFrames, b: BodyFrames, slots: Int64, mirror: Int64, turned: Bools, p: PairParameters
-) -> None:
-    """Call `take_newest` for each of several hypotheses about the bodies of two sensors.
-
-    Args:
-        pairs: state of each hypothesis: the arrays of `PairArrays` with a leading axis (hypotheses,), updated in place.
-        a, b: frames of all bodies of a sensor: the arrays of `BodyFrames` with a leading axis (slots,).
-        slots: (hypotheses, 2) slots of the two bodies, in a and in b.
-        mirror, turned, p: as in `take_newest`.
-    """
-    for i in range(len(slots)):
-        pair = PairArrays(
-            pairs.moments[i], pairs.scatter[i], pairs.T_a_b[i], pairs.scalars[i], pairs.clock[i], pairs.body[i]
-        )
-        one, other = slots[i, 0], slots[i, 1]
-        take_newest(
-            pair,
-            BodyFrames(a.times[one], a.points[one], a.weights[one], a.held[one]),
-            BodyFrames(b.times[other], b.points[other], b.weights[other], b.held[other]),
-            mirror,
-            turned,
-            p,
-        )
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _moving(frames: BodyFrames, at: float, half: float, q: Float64, v: Float64, w: Float64) -> bool:
     """Write joints q, velocities v (joints, 3) and weights w (joints,) at a time; return whether frames surround it."""
     times, points, weights = frames.times, frames.points, frames.weights
@@ -202,28 +260,18 @@ def _moving(frames: BodyFrames, at: float, half: float, q: Float64, v: Float64, 
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _learn_clock(
-    body: Float64,
-    T: Float64,
-    a: BodyFrames,
-    b: BodyFrames,
-    t: float,
-    offset: float,
-    half: float,
-    mirror: Int64,
+    body: Float64, T: Float64, one: int, a: Interpolated, other: int, b: Interpolated, mirror: Int64
 ) -> None:
-    """Add Σ w u_a·u_b and Σ w z·r at the time t to the block's sums for the clock offset; see `time_offset`."""
-    n = len(mirror)
-    p, q, u_a, u_b, w = (
-        np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
-    )  # fmt: skip
-    w_b = np.empty(n)
-    if not (_changes(a, t, half, p, u_a, w) and _changes(b, t + offset, half, q, u_b, w_b)):
-        return
-    for j in range(n):
+    """Add Σ w u_a·u_b and Σ w z·r of the bodies in two slots to the block's sums for the clock offset.
+
+    See `time_offset`; ``a`` and ``b`` are of `_changes`.
+    """
+    p, q, u_a, u_b = a.x[one], b.x[other], a.v[one], b.v[other]
+    for j in range(len(mirror)):
         o = mirror[j] if body[MIRRORED] > 0.0 else j
-        weight = min(w[j], w_b[o])
+        weight = min(a.w[one, j], b.w[other, o])
         if weight <= 0.0:
             continue
         rr, zr, uu, fastest = 0.0, 0.0, 0.0, 0.0
@@ -241,11 +289,18 @@ def _learn_clock(
             body[BLOCK_G] += weight * zr
 
 
-@njit(cache=True)
-def _changes(frames: BodyFrames, t: float, half: float, x: Float64, v: Float64, w: Float64) -> bool:
-    """Write the changes x of joints, v of velocities (joints, 3) over `CLOCK_LAG`; return whether frames cover it."""
+@njit(cache=True, error_model="numpy")
+def _changes(frames: BodyFrames, t: float, half: float, slot: int, out: Interpolated) -> bool:
+    """Write changes of joints and velocities over `CLOCK_LAG` into a slot; return whether frames cover it."""
+    if out.at_s[slot] == t:
+        return bool(out.known[slot])
+    x, v, w = out.x[slot], out.v[slot], out.w[slot]
     x_before, v_before, w_before = np.empty_like(x), np.empty_like(v), np.empty_like(w)
-    if not (_moving(frames, t, half, x, v, w) and _moving(frames, t - CLOCK_LAG, half, x_before, v_before, w_before)):
+    out.at_s[slot] = t
+    out.known[slot] = _moving(frames, t, half, x, v, w) and _moving(
+        frames, t - CLOCK_LAG, half, x_before, v_before, w_before
+    )
+    if not out.known[slot]:
         return False
     for j in range(len(w)):
         w[j] = min(w[j], w_before[j])
@@ -255,7 +310,7 @@ def _changes(frames: BodyFrames, t: float, half: float, x: Float64, v: Float64, 
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _choose_labels(
     pair: PairArrays, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
     hysteresis: float, r: Float64,
@@ -292,7 +347,7 @@ def _choose_labels(
     return order
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _moves(v: Float64, w: Float64, labels: Int64, full_speed: float) -> float:
     """Return how far a body walks, from 0 in place to 1 at the full speed."""
     speed_sq, used = 0.0, 0
@@ -308,7 +363,7 @@ def _moves(v: Float64, w: Float64, labels: Int64, full_speed: float) -> float:
     return moves
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _time_of_motion(body: Float64, dt: float, moves: float, settings: PairParameters) -> float:
     """Return a frame's effective duration [s], which depends on the body's speed and decreases at standstill."""
     stands = settings.still_fraction * (STANDS_FOR / (STANDS_FOR + body[STOOD])) ** 2
@@ -317,7 +372,7 @@ def _time_of_motion(body: Float64, dt: float, moves: float, settings: PairParame
     return counts
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step(
     pair: PairArrays, t: float, p: Float64, q: Float64, v: Float64, w: Float64, w_mirrored: Float64, mirror: Int64,
     turned: Bools, settings: PairParameters,
@@ -379,7 +434,7 @@ def _step(
         align(M, offset, T)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _apart(
     T: Float64, offset: float, p: Float64, q: Float64, v: Float64, labels: Int64, w: Float64, centre: Float64
 ) -> float:
@@ -405,7 +460,7 @@ def _apart(
     return distance
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _agrees(S: Float64, body: Float64, apart: float, t: float, dt: float, factor: float, least_apart: float) -> bool:
     """Return whether the centres are as near as is usual for these sensors; record since when they are not."""
     body[APART] = apart
@@ -419,7 +474,7 @@ def _agrees(S: Float64, body: Float64, apart: float, t: float, dt: float, factor
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gradient(
     body: Float64, T: Float64, offset: float, p: Float64, q: Float64, v: Float64, labels: Int64, w: Float64
 ) -> None:
@@ -442,7 +497,7 @@ def _gradient(
             body[GRADIENT + 6] += w[j] * u[k] * d[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _close_block(B: Float64, S: Float64, clock: Float64, body: Float64, centre: Float64, independent: float) -> None:
     """Close the block of frames as one independent sample once the body has moved far enough from its anchor."""
     away = 0.0

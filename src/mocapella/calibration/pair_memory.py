@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -128,6 +128,16 @@ class PairParameters(NamedTuple):
     moved_least_m: float
     every_s: float
     turned_weight: float
+
+
+class PairLimits(NamedTuple):
+    """Fields of `pair_calibration.PairSettings` that judge an estimate, as a named tuple of floats, for the kernels."""
+
+    residual_floor_m: float
+    samples_wanted: float
+    position_sd_wanted_m: float
+    rotation_sd_wanted: float
+    residual_allowed_m: float
 
 
 def turned_joints(topology: Topology) -> NDArray[np.bool_]:
@@ -272,9 +282,10 @@ class SensorTracks:
         """The arrays of all slots as a named tuple, for the kernels."""
         return BodyFrames(self.times, self.points, self.weights, self.held)
 
-    def slot(self, body: int) -> int:
-        """Return the slot of a body; `KeyError` if it has none."""
-        return self._slots[body]
+    @property
+    def slots(self) -> Mapping[int, int]:
+        """Slots of the bodies, by tracking id; a new object whenever they change."""
+        return self._slots
 
     def newest_centres(self) -> Float64:
         """Return the centre of each body's newest visible joints (bodies, 3), in order of ids [m]; NaN without any."""

@@ -31,25 +31,6 @@ MOVE_TRUSTED: Final = 0.05
 """Change of the assumed offset that reduces the weight of earlier sums to 1/e [s]."""
 
 
-def offset_of(clock: Float64) -> tuple[Float64, Float64]:
-    """Return the offset (...,) of b's clock against the assumed one, and its standard deviation [s].
-
-    With too few blocks, the offset is 0, and the standard deviation that of the prior.
-
-    Args:
-        clock: (..., `pair_memory.CLOCK_SUMS`) sums over blocks: Σ a, Σ g, Σ a², Σ a g and Σ g², where a = Σ u_a·u_b and
-            g = Σ z·r of a block, see the module.
-    """
-    a, g, aa, ag, gg = np.moveaxis(clock, -1, 0)
-    blocks = np.where(a > 0, a * a / np.where(aa > 0, aa, 1.0), 0.0)
-    known = blocks >= BLOCKS_WANTED
-    a, blocks = np.where(known, a, 1.0), np.where(known, blocks, 2.0)
-    offset = np.where(known, g / a, 0.0)
-    scatter = np.maximum(gg - 2 * offset * ag + offset**2 * aa, 0.0) * (blocks + 2) / (blocks - 1)
-    information = np.where(known, a**2 / np.maximum(scatter, 1e-12 * a**2), 0.0)
-    return offset, np.asarray((information + 1 / OFFSET_PRIOR_SD**2) ** -0.5)
-
-
 def moved_clock(clock: Float64, by: float) -> Float64:
     """Convert the sums for the clock offset to another assumed offset; a large change reduces them.
 
@@ -57,7 +38,8 @@ def moved_clock(clock: Float64, by: float) -> Float64:
     velocities are about constant, but not beyond.
 
     Args:
-        clock: (`pair_memory.CLOCK_SUMS`,) the sums, as in `offset_of`; not changed.
+        clock: (`pair_memory.CLOCK_SUMS`,) the sums: Σ a, Σ g, Σ a², Σ a g and Σ g², where a = Σ u_a·u_b and
+            g = Σ z·r of a block, see the module; not changed.
         by: change of the assumed offset [s].
 
     Returns:

@@ -4,7 +4,7 @@ M (`alignment.MOMENTS`,) are the moments of the pairs, sums over the points; `al
 module imports numba.
 """
 
-# ruff: noqa: PLR0912, PLR0917 - kernels take arrays by position
+# ruff: noqa: PLR0917 - kernels take arrays by position
 from __future__ import annotations
 
 import math
@@ -52,29 +52,27 @@ def accumulate(M: Float64, p: Float64, q: Float64, v: Float64, w: Float64, order
 
 
 @njit(cache=True, error_model="numpy")
-def largest_eigenvector(N: Float64, V: Float64) -> int:
+def diagonalise(N: Float64, V: Float64) -> None:
     """Diagonalise a symmetric matrix by cyclic Jacobi rotations (Golub and Van Loan, 8.5).
 
     Args:
-        N: (4, 4) the matrix, overwritten with the diagonal one.
-        V: (4, 4) written: the eigenvectors, one a column.
-
-    Returns:
-        The column of V that belongs to the largest eigenvalue.
+        N: (n, n) the matrix, overwritten with the diagonal one, whose values are in no order.
+        V: (n, n) written: the eigenvectors, one a column.
     """
-    for i in range(4):
-        for k in range(4):
+    n = len(N)
+    for i in range(n):
+        for k in range(n):
             V[i, k] = 1.0 if i == k else 0.0
     for _ in range(30):
         off, on = 0.0, 0.0
-        for i in range(4):
+        for i in range(n):
             on += N[i, i] * N[i, i]
-            for j in range(i + 1, 4):
+            for j in range(i + 1, n):
                 off += N[i, j] * N[i, j]
-        if off <= 1e-34 * on:
+        if not off > 1e-34 * on:  # True for NaN
             break
-        for a in range(3):
-            for b in range(a + 1, 4):
+        for a in range(n - 1):
+            for b in range(a + 1, n):
                 if N[a, b] == 0.0:
                     continue
                 theta = (N[b, b] - N[a, a]) / (2 * N[a, b])
@@ -83,19 +81,14 @@ def largest_eigenvector(N: Float64, V: Float64) -> int:
                     t = -t
                 c = 1.0 / math.sqrt(t * t + 1.0)
                 s = t * c
-                for k in range(4):
+                for k in range(n):
                     x, y = N[k, a], N[k, b]
                     N[k, a], N[k, b] = c * x - s * y, s * x + c * y
-                for k in range(4):
+                for k in range(n):
                     x, y = N[a, k], N[b, k]
                     N[a, k], N[b, k] = c * x - s * y, s * x + c * y
                     x, y = V[k, a], V[k, b]
                     V[k, a], V[k, b] = c * x - s * y, s * x + c * y
-    best = 0
-    for i in range(1, 4):
-        if N[i, i] > N[best, best]:
-            best = i
-    return best
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,7 +121,11 @@ def align(M: Float64, offset: float, T: Float64) -> None:
     for i in range(4):
         for k in range(i):
             N[i, k] = N[k, i]
-    best = largest_eigenvector(N, V)
+    diagonalise(N, V)
+    best = 0
+    for i in range(1, 4):
+        if N[i, i] > N[best, best]:
+            best = i
     w, x = V[0, best], V[1, best]
     y, z = V[2, best], V[3, best]
     T[0, 0], T[0, 1], T[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)

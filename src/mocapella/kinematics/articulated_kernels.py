@@ -74,7 +74,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
         work[i] = row[i]
     scale_bones(layout, work, predicted_scale(work, at_s - row[at.AT], model.parameters.scale_s))
     advance(model, work, at_s)
-    _place(model, work, origin, positions, R, xi)
+    _place(model, work, origin, positions, R, xi, True)
     independent(
         model.joint_table, model.order, xi, work, layout.variance, positions, np.empty((layout.joints, 10)), variances
     )
@@ -85,11 +85,13 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
+def _place(
+    model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64, with_twists: bool
+) -> None:
     """Compute joints, frames and twists of a memory row about its root, whose position is written into origin (3,)."""
     for k in range(3):
         origin[k] = row[model.layout.angles + k]
-    forward(model, row, origin, x, R, xi)
+    forward(model, row, origin, x, R, xi, with_twists)
 
 
 @njit(cache=True, error_model="numpy")
@@ -183,9 +185,10 @@ def _fit(
     xi, C, D, e, delta = np.empty((n, 6)), np.empty((joints, 21)), np.empty(n), np.empty(n), np.empty(n)
     x, residuals, weights = positions, frame.residuals, frame.weights
     pull, surprise, seen = 1.0 / model.parameters.rest_sd**2 * dt, 0.0, 0
-    _place(model, row, origin, x, R, xi)
+    steps = 2 if known else FIRST_STEPS
+    _place(model, row, origin, x, R, xi, True)
     independent(joint_table, order, xi, row, layout.variance, x, C, variances)
-    for step in range(2 if known else FIRST_STEPS):
+    for step in range(steps):
         seen = 0
         for j in range(joints):
             if is_measured(frame.positions, frame.variances, j):
@@ -204,15 +207,17 @@ def _fit(
                 D[i] += pull
         solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
         marginals(joint_table, order, xi, work.U, work.d, x, C, posterior, variances)
-        if pin(model, row, delta, posterior, D, e, excess):
+        pinned = pin(model, row, delta, posterior, D, e, excess)
+        if pinned:
             solve(joint_table, order, xi, D, e, x, residuals, weights, work, delta)
-        apply_motion(model, row, delta)
+        apply_motion(model, row, delta, pinned)
         largest = 0.0
         for i in range(n):
             total[i] += delta[i]
             largest = max(largest, abs(delta[i]))
-        _place(model, row, origin, x, R, xi)
-        if largest < LARGE_STEP and known:
+        done = step + 1 == steps or (known and largest < LARGE_STEP)
+        _place(model, row, origin, x, R, xi, not done)
+        if done:
             break
     return surprise, seen
 

@@ -199,13 +199,14 @@ def beyond_limits(model: BodyArrays, row: Float64, j: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def apply_motion(model: BodyArrays, row: Float64, delta: Float64) -> None:
+def apply_motion(model: BodyArrays, row: Float64, delta: Float64, clamp: bool) -> None:
     """Apply a small motion to the pose in a memory row, in place, and clamp the pose to its limits.
 
     Args:
         model: the body model.
         row: (memory_size,) a body's memory, changed.
         delta: (dofs,) the small motion [m, rad].
+        clamp: whether it may go beyond a joint's limits; not if `pin` has found that it does not.
     """
     layout, dof_values, joint_table = model.layout, model.dof_values, model.joint_table
     r = layout.rotations
@@ -218,11 +219,14 @@ def apply_motion(model: BodyArrays, row: Float64, delta: Float64) -> None:
         for i in range(joint_table[j, 1], joint_table[j, 1] + joint_table[j, 2]):
             if i >= ROOT_DOFS and model.dof_kind[i] < OF_BALL:
                 goal = row[layout.angles + i] + delta[i]
-                row[layout.angles + i] = min(max(goal, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
+                if clamp:
+                    goal = min(max(goal, dof_values[i, 0] - slack), dof_values[i, 1] + slack)
+                row[layout.angles + i] = goal
         if joint_table[j, 3] >= 0:
             r, o = layout.rotations + 9 * joint_table[j, 3], first_of_ball(joint_table, j)
             turned(row, r, delta[o], delta[o + 1], delta[o + 2], R)
-            limited(model.joint_values, j, slack, R, within)
-            orthonormal(within)
+            beyond = clamp and limited(model.joint_values, j, slack, R, within)
+            made = within if beyond else R
+            orthonormal(made)
             for k in range(9):
-                row[r + k] = within[k]
+                row[r + k] = made[k]

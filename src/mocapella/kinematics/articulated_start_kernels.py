@@ -90,7 +90,7 @@ def _align_torso(model: BodyArrays, row: Float64, measured: Float64, variances: 
     p, still, w, order = np.empty((joints, 3)), np.empty((joints, 3)), np.empty(joints), np.empty(joints, np.int64)
     _fill(moments, 0, 50, 0.0)
     _fill(origin, 0, 3, 0.0)
-    forward(model, row, origin, x, R, xi)
+    forward(model, row, origin, x, R, xi, False)
     for j in range(joints):
         used = model.joint_values[j, 10] > 0.0 and is_measured(measured, variances, j)
         w[j], order[j] = 1.0 if used else 0.0, j
@@ -115,7 +115,7 @@ def _point_bones(model: BodyArrays, row: Float64, measured: Float64, variances: 
         j = model.order[o]
         ball, parent = model.joint_table[j, 3], model.joint_table[j, 0]
         if ball > 0 and is_measured(measured, variances, j) and is_measured(measured, variances, parent):
-            forward(model, row, origin, x, R, xi)
+            forward(model, row, origin, x, R, xi, False)
             for r in range(3):
                 d[r] = 0.0
                 for c in range(3):

@@ -105,7 +105,9 @@ def limited(joint_values: Float64, j: int, slack: float, B: Float64, out: Float6
 
 
 @njit(cache=True, error_model="numpy")
-def forward(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
+def forward(
+    model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64, with_twists: bool
+) -> None:
     """Compute joints, bone frames and twists of the pose in a memory row, about an origin.
 
     Args:
@@ -114,7 +116,8 @@ def forward(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Flo
         origin: (3,) world [m].
         x: (joints, 3) written: joints relative to the origin, with the world's axes [m].
         R: (joints, 9) written: rotations from the bones' frames to the world, row by row.
-        xi: (dofs, 6) written: twists (ω, v) of the degrees of freedom about the origin.
+        xi: (dofs, 6) written if ``with_twists``: twists (ω, v) of the degrees of freedom about the origin.
+        with_twists: whether they are wanted.
     """
     joint_table, joint_values, dof_kind = model.joint_table, model.joint_values, model.dof_kind
     angles, bones = model.layout.angles, model.layout.bones
@@ -167,8 +170,9 @@ def forward(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Flo
                 a0, a1 = c * a0 + s * a1, c * a1 - s * a0
                 a3, a4 = c * a3 + s * a4, c * a4 - s * a3
                 a6, a7 = c * a6 + s * a7, c * a7 - s * a6
-            xi[i, 0], xi[i, 1], xi[i, 2] = u, v, w
-            xi[i, 3], xi[i, 4], xi[i, 5] = oy * w - oz * v, oz * u - ox * w, ox * v - oy * u
+            if with_twists:
+                xi[i, 0], xi[i, 1], xi[i, 2] = u, v, w
+                xi[i, 3], xi[i, 4], xi[i, 5] = oy * w - oz * v, oz * u - ox * w, ox * v - oy * u
         R[j, 0], R[j, 1], R[j, 2] = a0, a1, a2
         R[j, 3], R[j, 4], R[j, 5] = a3, a4, a5
         R[j, 6], R[j, 7], R[j, 8] = a6, a7, a8

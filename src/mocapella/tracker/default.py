@@ -355,10 +355,11 @@ class DefaultTracker:
             return
         now = approached(before, known, elapsed_s) if self._shown else known
         self._T_world_root, self._T_root_sensor = now[0], dict(zip(names, now[1:], strict=True))
-        if self._people is not None:
-            for name, T_before, T in zip(names, before[1:], now[1:], strict=True):
-                if T is not T_before and not np.array_equal(T, T_before):
-                    self._people.move_sensor(name, T @ inverse(T_before))
+        if self._people is not None and names:
+            back = inverse(np.array(before[1:]))
+            for name, T_before, T_back, T in zip(names, before[1:], back, now[1:], strict=True):
+                if T is not T_before and not (T_before == T).all():
+                    self._people.move_sensor(name, T @ T_back)
         self._views, self._places = None, self._sensor_places()
 
     def _choose_root(self, state: PeopleState) -> str:

@@ -48,7 +48,9 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     people.arrange(tracks.people)
     ids: Sequence[int] = bodies.ids
     positions, states, own = prepared.positions, bodies.states, bodies.positions
-    bias = np.zeros_like(positions) if corrections is None else corrections @ T[:3, :3].T
+    bias = np.zeros_like(positions)
+    if corrections is not None:
+        np.dot(corrections.reshape(-1, 3), T[:3, :3].T, out=bias.reshape(-1, 3))
     shown = rows >= 0
     if not shown.all():
         ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]

@@ -25,12 +25,15 @@ def followed(
         fresh: (people, sensors) whether a view is recent enough.
     """
     columns = [(sensor, people.sensors.index(sensor), newest.get(sensor)) for sensor in shown]
-    counts = fresh[:, [column for _, column, _ in columns]].sum(axis=1).tolist()
+    everywhere = len(columns) == fresh.shape[1]
     views = Views()
     for row, (number, is_fresh) in enumerate(zip(people.numbers, fresh.tolist(), strict=True)):
         known = before.get(number, {})
-        if len(known) == counts[row] and newest.keys() <= known.keys():  # as usual: the same sensors see the person
-            views[number] = {**known, **{sensor: new[row] for sensor, new in newest.items()}}
+        count = is_fresh.count(True) if everywhere else sum(is_fresh[column] for _, column, _ in columns)
+        if len(known) == count and newest.keys() <= known.keys():  # as usual: the same sensors see the person
+            now = views[number] = dict(known)
+            for sensor, new in newest.items():
+                now[sensor] = new[row]
             continue
         views[number] = {
             sensor: known[sensor] if new is None else new[row]
