@@ -15,6 +15,7 @@ from rich.console import Console
 
 from mocapella.cli.markers import show_times
 from mocapella.conventions import NS_PER_S
+from mocapella.errors import MocapellaError
 from mocapella.live.stage_times import StageTimes
 from mocapella.model.markers import MarkerFrame
 from mocapella.sensing.colour_profile import load_profile
@@ -22,8 +23,6 @@ from mocapella.sensing.markers import MarkerDetector
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.camera_controls import CameraWishes
 from mocapella.sources.open_pictures import open_pictures
-
-START_PORT = 5000  # where the start command comes
 
 
 def datagram(picture: int, time_us: int, frame: MarkerFrame) -> bytes:
@@ -53,26 +52,28 @@ def main() -> None:
     width, height = detector.profile.size_px
     detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the first picture
     detector.reset()
-    times = StageTimes(min(pictures, 10_000), len(detector.profile.names))
-    stopped = contextlib.suppress(KeyboardInterrupt)
-    with stopped, Acquisition(source, say=print) as camera, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+    times, number = StageTimes(min(pictures, 10_000), len(detector.profile.names)), 0
+    with Acquisition(source, say=print) as camera, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         print(f"--markers {','.join(detector.profile.names)} --size {width}x{height}", flush=True)
-        wait_for_start(int(sys.argv[6]) if len(sys.argv) > 6 else START_PORT)
+        wait_for_start(int(sys.argv[6]) if len(sys.argv) > 6 else 5000)
         camera.start()
-        number = 0
-        while number < pictures and not camera.ended:
-            if (taken := camera.take(0.1)) is None:
-                continue
-            begin_s = time.monotonic()
-            frame = detector.update(taken.image, taken.time_ns / NS_PER_S)
-            found_s = time.monotonic()
-            out.sendto(datagram(number, taken.time_ns // 1000, frame), (master, port))
-            sent_s = time.monotonic()
-            spent = {"retrieval": taken.retrieval_s, "detection": found_s - begin_s, "sending": sent_s - found_s}
-            times.add({**spent, "all": sum(spent.values())}, frame.positions_px)
-            number += 1
+        with contextlib.suppress(KeyboardInterrupt):
+            while number < pictures and not camera.ended:
+                if (taken := camera.take(0.1)) is None:
+                    continue
+                begin_s = time.monotonic()
+                frame = detector.update(taken.image, taken.time_ns / NS_PER_S)
+                found_s = time.monotonic()
+                out.sendto(datagram(number, taken.time_ns // 1000, frame), (master, port))
+                sent_s = time.monotonic()
+                spent = {"retrieval": taken.retrieval_s, "detection": found_s - begin_s, "sending": sent_s - found_s}
+                times.add({**spent, "all": sum(spent.values())}, frame.positions_px)
+                number += 1
     show_times(times.table(), times.jitter(detector.profile.names), None, Console())
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (MocapellaError, OSError, KeyboardInterrupt) as error:  # no camera, no network, or Ctrl-C before a picture
+        sys.exit(str(error) or "interrupted before the first picture")

@@ -17,7 +17,7 @@ MocapellaError                base class; the message says what would have worke
 │   ├── TakeExistsError       the name is in use; takes are never overwritten
 │   ├── DiskFullError         too little free disk space, or a full spool
 │   └── UnstoredFramesError   a node ended before all its frames were stored
-├── CalibrationError          observations do not determine the cameras' poses or lenses
+├── CalibrationError          observations do not determine the poses, lenses or corners that are sought
 ├── EvaluationError           a method's result cannot be scored
 └── NotNowError               a command that cannot be used in the present state
 """
@@ -146,7 +146,7 @@ class UnstoredFramesError(RecordingError):
 
 
 class CalibrationError(MocapellaError):
-    """Observations do not determine the cameras' poses or lenses; the message says what to film."""
+    """Observations do not determine the poses, lenses or corners that are sought; the message says what to film."""
 
 
 class EvaluationError(MocapellaError):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mocapella.evaluation.arms import FOUND_M, MATCH_M, ArmScores, in_image, jitter, matched, score
+from mocapella.model.arm_quality import Misdetections
 from mocapella.model.arms import ARM_JOINT_NAMES, ELBOW, PALM, SeenArm, SeenArms
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
@@ -80,6 +81,7 @@ def test_what_is_true_is_perfect() -> None:
         "frames": 20, "followed": 1.0, "tip_median_mm": 0.0, "tip_p95_mm": 0.0, "named": 1.0, "inferred": 0.0,
         "occluded": 20, "occluded_found": 1.0, "hidden_median_mm": 0.0, "wrist_median_mm": 0.0, "palm_median_mm": 0.0,
         "elbow_median_mm": 0.0, "elbow_p95_mm": 0.0, "sided": 1.0, "longest_loss_frames": 0,
+        "misdetections_per_minute": 0.0,
     }  # fmt: skip
 
 
@@ -252,3 +254,40 @@ def test_a_detector_is_given_depths_in_metres(unit_m: float) -> None:
     score(Keeps(made), made)
     jitter(Keeps(made), made)
     np.testing.assert_allclose(given, 0.7, rtol=1e-6)
+
+
+def test_a_tip_that_truly_moves_fast_is_no_misdetection_and_one_that_jumps_or_lags_is() -> None:
+    made = shots()
+    for k, shot in enumerate(made):
+        shot.arms[0].points[TIPS[1], 1] += 0.08 * k  # 2.4 m/s
+    found = score(Oracle(made), made)
+    assert (found.misdetected.of_joints, found.compared_s) == (0, pytest.approx(9 / 30))
+
+    def jumps(k: int, arm: SeenArm) -> SeenArm:
+        return shifted(arm, TIPS[3], 0.06 if k >= 5 else 0.0)
+
+    def lags(k: int, arm: SeenArm) -> SeenArm:
+        arm.points[TIPS[1], 1] -= 0.08 * (k == 5)
+        return arm
+
+    assert score(Oracle(made, jumps), made).misdetected == Misdetections(jumped=1)
+    assert score(Oracle(made, lags), made).misdetected == Misdetections(jumped=2)  # behind, and again there
+    assert score(Oracle(made, jumps), made).table()["misdetections_per_minute"] == pytest.approx(60 / 0.3)
+
+
+def test_arms_that_change_their_number_or_come_after_a_gap_are_not_compared_and_a_changed_side_counts() -> None:
+    def renumbered(k: int, arm: SeenArm) -> SeenArm:
+        return msgspec.structs.replace(shifted(arm, TIPS[3], 0.06 if k >= 5 else 0.0), id=int(k >= 5))
+
+    def turned(k: int, arm: SeenArm) -> SeenArm:
+        return msgspec.structs.replace(arm, left=k >= 5)
+
+    assert scored(renumbered).misdetected == Misdetections()
+    assert scored(turned).misdetected == Misdetections(swapped=1)
+    made = [msgspec.structs.replace(shot, at_s=shot.at_s + 0.5 * (k >= 5)) for k, shot in enumerate(shots())]
+    jumps = score(Oracle(made, lambda k, arm: shifted(arm, TIPS[3], 0.06 if k >= 5 else 0.0)), made)
+    assert (jumps.misdetected, jumps.compared_s) == (Misdetections(), pytest.approx(8 / 30))
+    both = ArmScores()
+    for scores in (jumps, scored(turned)):
+        both.add(scores)
+    assert (both.misdetected, both.compared_s) == (Misdetections(swapped=1), pytest.approx(17 / 30))

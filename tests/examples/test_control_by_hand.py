@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.programs import Program, free_port, wait_until
 
+from mocapella.errors import CalibrationError
 from mocapella.geometry.rigid import rotation_about_x, rotation_about_z
 from mocapella.model.arms import ARM_POINTS
 from mocapella.model.scene import TrackedArm
@@ -24,8 +25,7 @@ from mocapella.sources.osc import messages
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 POINTER, KNOBS = EXAMPLES / "03_pointer.py", EXAMPLES / "04_knobs.py"
-CORNERS = np.array([[-0.5, 1.4, 0.4], [0.5, 1.3, 0.4], [-0.5, 0.2, 0.6]])
-UNIT, METRES, ANGLE = st.floats(0, 1), st.floats(-3, 3), st.floats(-3, 3)
+ANGLE = st.floats(-3, 3)
 
 
 def module(path: Path) -> ModuleType:
@@ -38,19 +38,6 @@ def module(path: Path) -> ModuleType:
 
 
 pointer, knobs = module(POINTER), module(KNOBS)
-
-
-@given(UNIT, UNIT, st.tuples(METRES, METRES, st.floats(0.7, 3)))
-def test_a_ray_through_a_place_of_the_plane_hits_it(x: float, y: float, origin: tuple[float, ...]) -> None:
-    place = CORNERS[0] + x * (CORNERS[1] - CORNERS[0]) + y * (CORNERS[2] - CORNERS[0])
-    towards = place - np.array(origin)
-    np.testing.assert_allclose(pointer.hit(np.array(origin), towards, CORNERS), (x, y), atol=1e-7)
-    assert np.isnan(pointer.hit(np.array(origin), -towards, CORNERS)).all()  # away from the plane
-
-
-def test_a_ray_along_the_plane_and_an_unknown_one_hit_nothing() -> None:
-    assert np.isnan(pointer.hit(np.array([0.0, 0.0, 2.0]), CORNERS[1] - CORNERS[0], CORNERS)).all()
-    assert np.isnan(pointer.hit(np.zeros(3), np.full(3, np.nan), CORNERS)).all()
 
 
 @given(ANGLE, ANGLE, st.floats(-1.4, 1.4))
@@ -86,31 +73,40 @@ def test_a_knob_ends_at_0_and_1_and_a_grab_beside_the_bank_takes_none() -> None:
     assert bank.values.tolist() == [1.0, 0.5]
 
 
-def arm_at(x: float, *, states: int = 2, grabbing: bool = False, cameras: tuple[str, ...] = ("depth",)) -> TrackedArm:
+def arm_at(
+    x: float, *, states: int = 2, grabbing: bool = False, cameras: tuple[str, ...] = ("depth",), number: int = 3
+) -> TrackedArm:
     """An arm whose index finger points out of (x, 0.8, 1) at the default plane, along -z."""
     points = np.tile([x, 0.8, 1.1], (len(ARM_POINTS), 1))
     points[8, 2] = 1.0
     T, count = np.eye(4), len(points)
     T[:3, :3] = rotation_about_z(x)
     return TrackedArm(
-        3, False, points, np.full(count, states, np.uint8), np.full(count, 0.005, np.float32), np.zeros(21), T,
+        number, False, points, np.full(count, states, np.uint8), np.full(count, 0.005, np.float32), np.zeros(21), T,
         "", 0.0, grabbing, cameras=cameras,
     )  # fmt: skip
 
 
 def sent(
-    monkeypatch: pytest.MonkeyPatch, example: ModuleType, *arms: TrackedArm | None
+    monkeypatch: pytest.MonkeyPatch, example: ModuleType, *arms: TrackedArm | None, hz: float = 1.0, learn: bool = False
 ) -> list[tuple[str, list[float]]]:
     """The OSC messages of an example that is given a scene for each arm, None for a scene without one."""
-    scenes = iter([SimpleNamespace(arms=() if arm is None else (arm,), at_ns=k * 10**9) for k, arm in enumerate(arms)])
+    times_ns = [round(k * 1e9 / hz) for k in range(len(arms))]
+    scenes = iter(
+        [SimpleNamespace(arms=(arm,) if arm else (), at_ns=at) for at, arm in zip(times_ns, arms, strict=True)]
+    )
     out: list[tuple[str, list[float]]] = []
     osc = SimpleNamespace(send=lambda address, *values: out.append((address, [round(float(v), 6) for v in values])))
     monkeypatch.setattr(example, "open_reader", lambda _: None)
     monkeypatch.setattr(example, "Newest", lambda _: SimpleNamespace(scene=lambda: next(scenes)))
     monkeypatch.setattr(example.time, "sleep", lambda _: None)
     corners = [-0.5, 1.4, 0.4, 0.5, 1.4, 0.4, -0.5, 0.2, 0.4]
-    args = SimpleNamespace(connect="", by="index", corners=corners, knobs=4, bank=[-0.4, 0.4], turn=180.0)
-    with pytest.raises(StopIteration):
+    args = SimpleNamespace(
+        connect="", osc="", by="index", corners=corners, learn=learn, knobs=4, bank=[-0.4, 0.4], turn=180.0
+    )
+    with pytest.raises(
+        (StopIteration, RuntimeError), match=r"^$|StopIteration"
+    ):  # a generator turns one into the other
         example.main(args, osc)
     return out
 
@@ -122,6 +118,43 @@ def test_the_pointer_goes_by_sure_hands_only_and_a_lost_one_ends_its_click(monke
     assert sent(monkeypatch, pointer, *click) == [
         ("/pointer", [0.75, 0.5]), ("/pointer/click", [1.0]), ("/pointer/click", [0.0])
     ]  # fmt: skip
+
+
+def test_another_arm_does_not_begin_where_the_last_one_pointed(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = [arm_at(-0.25)] * 3, arm_at(0.25, number=4)
+    assert sent(monkeypatch, pointer, *one, other, hz=30.0)[-1] == ("/pointer", [0.75, 0.5])
+    assert sent(monkeypatch, pointer, *one, arm_at(0.25), hz=30.0)[-1][1][0] < 0.7  # the same arm is smoothed
+
+
+def pointing(x: float, corner: tuple[float, ...]) -> TrackedArm:
+    """An arm at (x, 0.8, 1) whose index finger points at a corner."""
+    arm = arm_at(x)
+    away = arm.points[8] - corner
+    arm.points[5] = arm.points[8] + 0.08 * away / np.linalg.norm(away)
+    return arm
+
+
+def test_corners_are_learnt_by_pointing_and_printed_as_the_command_that_repeats_them(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    corners = [(-0.4, 1.2, 0.1), (0.4, 1.2, 0.0), (-0.4, 0.6, 0.1)]
+    still = [pointing(x, corner) for x in (-0.5, 0.5) for corner in corners for _ in range(60)]
+    middle = pointing(0.5, (0.0, 0.9, 0.05))
+    assert sent(monkeypatch, pointer, *still, None, middle, hz=30.0, learn=True)[-1] == ("/pointer", [0.5, 0.5])
+    said = capsys.readouterr().out
+    assert said.count("hold still") == 6
+    assert said.count("to the side") == 1
+    words = "--by index --corners -0.400 1.200 0.100 0.400 1.200 0.000 -0.400 0.600 0.100"
+    assert words in said
+    place = [float(word) for word in words.split()[3:]]
+    assert pointer.plane_corners(place).tolist() == [list(corner) for corner in corners]
+
+
+def test_corners_taught_from_one_place_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = [(-0.4, 1.2, 0.1), (0.4, 1.2, 0.0), (-0.4, 0.6, 0.1)]
+    still = [pointing(x, corner) for x in (0.0, 0.05) for corner in corners for _ in range(60)]
+    with pytest.raises(CalibrationError, match=r"top left corner.*farther apart"):
+        sent(monkeypatch, pointer, *still, hz=30.0, learn=True)
 
 
 def test_knobs_turn_by_sure_hands_only_and_a_lost_one_lets_go(monkeypatch: pytest.MonkeyPatch) -> None:

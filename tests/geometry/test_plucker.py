@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.geometry.lens import project
-from mocapella.geometry.plucker import camera_rays, join, line, moved, residual
+from mocapella.geometry.plucker import camera_rays, join, line, moved, nearest_point, residual
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import exp_twist
 
@@ -76,3 +76,33 @@ def test_a_pixel_that_is_not_seen_has_no_ray() -> None:
     rays = camera_rays([[np.nan, 1.0], [320.0, 240.0]], LENS, np.eye(4))
     assert np.isnan(rays[0]).all()
     np.testing.assert_allclose(rays[1], [0, 0, 1, 0, 0, 0], atol=1e-12)
+
+
+@given(seeds)
+def test_lines_through_one_point_meet_there_and_a_motion_moves_it_along(seed: int) -> None:
+    p, q, T = scene(seed)
+    lines = join(q, p[:, :1])  # two lines each through the first point
+    np.testing.assert_allclose(nearest_point(lines), p[:, 0], atol=1e-5)
+    np.testing.assert_allclose(nearest_point(moved(T, lines)), apply(T, p[:, 0]), atol=1e-5)
+
+
+@given(seeds)
+def test_no_other_point_is_nearer_to_all_lines(seed: int) -> None:
+    p, q, _ = scene(seed)
+    lines, rng = join(p, q), np.random.default_rng(seed)
+    best = nearest_point(lines)
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        return np.asarray((residual(x[:, None], lines) ** 2).sum(axis=(-2, -1)))
+
+    for _ in range(5):
+        assert (cost(best) <= cost(best + rng.normal(0, 0.1, best.shape)) + 1e-9).all()
+
+
+@given(seeds)
+def test_parallel_lines_one_line_and_unknown_lines_have_no_nearest_point(seed: int) -> None:
+    p, q, _ = scene(seed)
+    parallel = line(p, (q - p)[:, :1])
+    unknown = np.where(np.arange(6) == 2, np.nan, join(p, q))
+    for lines in (parallel, join(p, q)[:, :1], unknown):
+        assert np.isnan(nearest_point(lines)).all()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.kinematic_hands import random_motion
 
@@ -17,6 +17,7 @@ from mocapella.kinematics.arm_quality import ArmQualityMeter, ArmQualitySettings
 from mocapella.model.arm_quality import ArmQuality, Misdetections
 from mocapella.model.arms import ARM_JOINTS, SeenArm
 from mocapella.model.hand import HandPose, hand_model
+from mocapella.sources.simulate.depth_scene import load_depth_scene
 from mocapella.sources.simulate.hand_motion import landmarks_of
 
 HZ = 30.0
@@ -137,6 +138,47 @@ def test_a_rate_is_of_the_last_minute_and_a_sum_of_all() -> None:
     assert quality.as_json()["misdetections_per_minute"] == pytest.approx(2 * 60 / 89.9, abs=0.01)
 
 
+@given(st.floats(1 / 120, 0.19), st.floats(0.1, 10.0), st.integers(0, 7))
+def test_a_joint_jumps_if_it_is_faster_than_a_finger_by_five_centimetres_or_farther_than_one_reaches(
+    step_s: float, speed_m_s: float, joint: int
+) -> None:
+    far = speed_m_s * step_s
+    assume(abs(far - 0.05) > 1e-6)
+    assume(abs(speed_m_s - 3.0) > 1e-6)
+    assume(abs(far - 0.15) > 1e-6)
+    meter, now = ArmQualityMeter(), POINTS.copy()
+    now[ARM_JOINTS[joint]] += [0, far, 0]
+    meter.update([arm()], 5.0)
+    assert meter.update([arm(now)], 5.0 + step_s).whole.jumped == (far > 0.15 or (speed_m_s > 3.0 and far > 0.05))
+
+
+@given(seeds)
+def test_what_the_joints_truly_did_is_left_out(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, true = JOINTS, rng.normal(0, 0.2, JOINTS.shape)
+    now = JOINTS + rng.normal(0, 0.03, JOINTS.shape)
+    assert misdetected(before, now + true, 0.05, true) == misdetected(before, now, 0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hz", [30.0, 15.0, 7.5])
+def test_the_true_arms_of_the_demo_are_no_misdetections(hz: float) -> None:
+    """Their fingers come farther than 5 cm from image to image."""
+    scene, meter, farthest = load_depth_scene("cloth", seed=0), ArmQualityMeter(), 0.0
+    mesh, before = scene.meshes[0], None
+    for k in range(int(scene.period_s * hz)):
+        pose = scene.poses(k / hz)[0]
+        points = mesh.points(pose)[: len(POINTS)]
+        quality = meter.update([arm(points)], k / hz)
+        joints = points[list(ARM_JOINTS)]
+        if before is not None:
+            moved = joints - before
+            farthest = max(farthest, float(np.linalg.norm(moved - np.median(moved, axis=0), axis=-1).max()))
+        before = joints
+    assert quality.whole == Misdetections()
+    assert farthest > 0.05
+
+
 def test_an_arm_that_moves_has_no_noise_and_of_one_that_moves_a_finger_that_finger_has_none() -> None:
     away = [POINTS + np.array([0.02 * k / HZ, 0, 0]) for k in range(90)]
     quality = measured(away)
@@ -199,7 +241,14 @@ def test_reset_is_as_newly_made() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("still_window_s", 0.0), ("still_m", 0.0), ("least_frames", 3), ("jump_m", math.nan), ("gap_s", 0.0)],
+    [
+        ("jump_m_s", -1.0),
+        ("still_window_s", 0.0),
+        ("still_m", 0.0),
+        ("least_frames", 3),
+        ("jump_m", math.nan),
+        ("gap_s", 0.0),
+    ],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(SettingsError, match=f"{name} is {value}"):

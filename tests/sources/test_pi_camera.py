@@ -25,10 +25,10 @@ STOP = threading.Event()
 LEARNT = CameraControls(exposure=5000.0, gain=2.0, white_balance_red=1.8, white_balance_blue=1.5, saturation=1.2)
 
 
-def made(device: FakePicamera2, wishes: CameraWishes | None = None) -> PiCamera:
+def made(device: FakePicamera2, wishes: CameraWishes | None = None, timeout_s: float = 10.0) -> PiCamera:
     return PiCamera(
         0, "picamera:0", wishes, open_camera=lambda number: device, clock=lambda: device.now_s + 0.02,
-        boot_clock=lambda: device.now_s + 0.02 + BOOT_S,
+        boot_clock=lambda: device.now_s + 0.02 + BOOT_S, timeout_s=timeout_s,
     )  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def test_a_camera_that_does_not_start_is_released_and_the_error_is_ours(step: st
         def stop(self) -> None:
             raise RuntimeError("not started")
 
-    def fails(*_: Any) -> None:
+    def fails(*_: Any, **__: Any) -> None:
         raise RuntimeError("Failed to allocate buffers.")
 
     device = Broken()
@@ -151,6 +151,54 @@ def test_a_camera_that_does_not_start_is_released_and_the_error_is_ours(step: st
     assert camera.controls() == ()
     with pytest.raises(SettingsError, match="lost just now"):
         camera.set_controls({"gain": 2.0}, {})
+
+
+def test_a_camera_that_stops_giving_images_is_closed_and_is_there_again_when_opened() -> None:
+    device = FakePicamera2()
+    camera = made(device, CameraWishes(controls=LEARNT), timeout_s=0.05)
+    camera.open()
+    assert camera.read(STOP) is not None
+    device.silent = True
+    assert camera.read(STOP) is None
+    assert (device.closed, device.queued) == (True, 0)
+    assert camera.read(STOP) is None
+    device.silent = False
+    camera.open()
+    assert camera.read(STOP) is not None
+
+
+def test_a_camera_that_gives_no_image_at_its_start_is_an_error_with_a_remedy() -> None:
+    device = FakePicamera2()
+    device.silent = True
+    with pytest.raises(InputError, match=r"cannot be started \(no image within 0.05 s\); look at the cable"):
+        made(device, timeout_s=0.05).open()
+    assert device.closed
+
+
+def test_a_long_frame_interval_is_awaited_longer() -> None:
+    device = FakePicamera2()
+    device.silent = True
+    with pytest.raises(InputError, match=r"no image within 0.4 s"):
+        made(device, CameraWishes(fps=5.0), timeout_s=0.05).open()
+
+
+def test_a_libcamera_that_does_not_answer_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mocapella.sources.pi_camera._CLOSE_S", 0.05)
+
+    class Stuck(FakePicamera2):
+        def __getattribute__(self, name: str) -> Any:  # an older picamera2
+            if name == "cancel_all_and_flush":
+                raise AttributeError(name)
+            return super().__getattribute__(name)
+
+    device = Stuck()
+    camera = made(device, CameraWishes(controls=LEARNT), timeout_s=0.05)
+    camera.open()
+    device.silent = True
+    assert camera.read(STOP) is None  # and does not wait for the end of the stop
+    assert not device.closed
+    device.queued = 0
+    device.stuck.set()
 
 
 def test_a_camera_without_colour_has_fewer_controls_and_says_so() -> None:

@@ -148,6 +148,36 @@ def test_a_camera_that_comes_back_has_the_values_that_were_set_while_it_ran() ->
     camera.close()
 
 
+@pytest.mark.parametrize(
+    ("wanted", "says"), [((), "cannot be switched off: colours may drift"), (("gain",), "as saved")]
+)
+def test_a_gain_that_stays_automatic_is_told_once_and_its_value_is_not_set(wanted: tuple[str, ...], says: str) -> None:
+    driver, device = FakeV4l2(), FakeDevice()
+    driver.controls[fake_v4l2.AUTO_GAIN] = fake_v4l2.Control(0, 1, 1, 1, 1, fake_v4l2.BOOLEAN, refuses=True)
+    wishes = CameraWishes(controls=CameraControls(gain=42.0, saturation=50.0, automatic=wanted))
+    camera = CaptureCamera(0, "camera:0", wishes, open_capture=device.open, open_controls=lambda number: opened(driver))
+    for _ in range(2):  # at the start, and when it comes back
+        state = camera.open()
+        said = [problem for problem in state.problems if "gain" in problem]
+        assert len(said) == 1
+        assert says in said[0]
+        assert "gain" in state.controls.automatic
+        assert (device.values[cv2.CAP_PROP_GAIN], device.values[cv2.CAP_PROP_SATURATION]) == (10.0, 50.0)
+    with pytest.raises(SettingsError, match="switch that off first"):
+        camera.set_controls({"gain": 42.0}, {})
+    camera.close()
+
+
+def test_an_automatic_gain_that_can_be_switched_off_is_and_the_value_is_set() -> None:
+    driver, device = FakeV4l2(), FakeDevice()
+    driver.controls[fake_v4l2.AUTO_GAIN] = fake_v4l2.Control(0, 1, 1, 1, 1, fake_v4l2.BOOLEAN)
+    wishes = CameraWishes(controls=CameraControls(gain=42.0))
+    camera = CaptureCamera(0, "camera:0", wishes, open_capture=device.open, open_controls=lambda number: opened(driver))
+    assert not [problem for problem in camera.open().problems if "gain" in problem]
+    assert device.values[cv2.CAP_PROP_GAIN] == 42.0
+    camera.close()
+
+
 @pytest.mark.parametrize(("target", "says"), [(0, "at its start"), ("http://it/", "at the camera")])
 def test_without_a_driver_that_states_ranges_nothing_can_be_set(target: int | str, says: str) -> None:
     camera = CaptureCamera(target, str(target), open_capture=FakeDevice().open, open_controls=lambda number: None)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,9 @@ class FakeRequest:
 
 
 class FakePicamera2:
-    """One camera; `now_s` is the time, and its automatic modes approach 8 ms, gain 4 and the gains (2.1, 1.6).
+    """One camera; its automatic modes approach 8 ms, gain 4 and the gains (2.1, 1.6).
+
+    `now_s` is the time, and `silent` whether it gives no image any more.
 
     Args:
         number: as picamera2 has it.
@@ -51,6 +55,7 @@ class FakePicamera2:
         self.now_s, self.count, self.held = 5.0, 0, 0
         self.set: dict[str, Any] = {}
         self.plugged, self.started, self.closed = True, False, False
+        self.silent, self.queued, self.stuck = False, 0, threading.Event()
 
     def create_video_configuration(self, main: dict[str, Any], **rest: Any) -> dict[str, Any]:
         assert main["format"] == "RGB888"
@@ -67,6 +72,8 @@ class FakePicamera2:
         self.started = True
 
     def stop(self) -> None:
+        while self.queued:  # picamera2 stops after the captures before
+            self.stuck.wait()
         self.started = False
 
     def close(self) -> None:
@@ -76,17 +83,34 @@ class FakePicamera2:
         assert all(name in self.camera_controls for name in controls)
         self.set |= controls
 
-    def capture_request(self) -> FakeRequest:
+    def capture_request(self, signal_function: Callable[[Any], None]) -> Any:
         if not (self.plugged and self.started):
             raise RuntimeError("the camera has gone")
-        self.count += 1
-        self.held += 1
-        self.now_s += 1 / 90
-        return FakeRequest(self)
 
-    def capture_metadata(self) -> dict[str, Any]:
+        def taken() -> FakeRequest:
+            self.held += 1
+            self.now_s += 1 / 90
+            return FakeRequest(self)
+
+        return self._job(taken, signal_function)
+
+    def capture_metadata(self, signal_function: Callable[[Any], None]) -> Any:
+        return self._job(self.metadata, signal_function)
+
+    def wait(self, job: Any) -> Any:
+        return job
+
+    def cancel_all_and_flush(self) -> None:
+        self.queued = 0
+
+    def _job(self, run: Callable[[], Any], signal_function: Callable[[Any], None]) -> Any:
+        if self.silent:
+            self.queued += 1
+            return None
         self.count += 1
-        return self.metadata()
+        job = run()
+        signal_function(job)
+        return job
 
     def metadata(self) -> dict[str, Any]:
         automatic = {"ExposureTime": 8000, "AnalogueGain": 4.0} if self.set.get("AeEnable", True) else {}

@@ -195,7 +195,22 @@ START_HELP: Final = (
 )
 SPACE_HELP: Final = "Name of the other tracker's coordinate space."
 PLOT_HELP: Final = "Draw a plot; needs matplotlib."
-Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help=PLOT_HELP)]
+
+
+def drawable(plot: Path | None) -> Path | None:
+    """Return a plot's file, None for none, as it is given; called before any work.
+
+    Raises:
+        SettingsError: a plot cannot be written there, see `mocapella.evaluation.plots.check_plot`.
+    """
+    if plot is not None:
+        from mocapella.evaluation.plots import check_plot
+
+        check_plot(plot)
+    return plot
+
+
+Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help=PLOT_HELP, callback=drawable)]
 StudyFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the KinectMultiTrack study logs.")]
 ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
 FrameChoice = Annotated[

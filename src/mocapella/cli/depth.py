@@ -90,25 +90,14 @@ def _show(table: DistanceTable, result: dict[str, Any], out: Console) -> None:
 
 
 def _plot(table: DistanceTable, path: Path) -> None:
-    from mocapella.errors import SettingsError
+    from mocapella.evaluation.plots import new_figure, save_figure
 
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        say(
-            f"--plot {path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        )
-        return
     rows = table.rows_cm()
-    axes = (figure := Figure(figsize=(6, 4), layout="constrained")).subplots()
+    axes = (figure := new_figure(path, 6, 4)).subplots()
     axes.loglog(rows[:, 1], rows[:, 0], "k.", label="measured")
     axes.loglog(rows[:, 1], rows[:, 2], "--", label="calculated")
     axes.loglog(rows[:, 1], rows[:, 3], "-", label=f"{table.law.k_cm:.1f}·x^{table.law.z:.4f}")
     axes.set(xlabel="disparity [px]", ylabel="distance [cm]")
     axes.legend()
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"--plot {path}: {error}; name a .png or .svg in a folder that exists") from error
+    save_figure(figure, path)
     say(f"plot in {path}")

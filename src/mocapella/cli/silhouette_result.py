@@ -183,8 +183,8 @@ def draw_angles(
 ) -> None:
     """Plot each joint's angle [°] over time [s]: one colour for each person, an earlier run dashed.
 
-    For a single person, this run is blue, and the earlier one orange. Without matplotlib, or without joints or frames,
-    a note is printed and nothing is written.
+    For a single person, this run is blue, and the earlier one orange. Without joints or frames, a note is printed and
+    nothing is written.
 
     Args:
         people: angles over time by person's name.
@@ -193,17 +193,11 @@ def draw_angles(
         beside: label of the earlier run.
 
     Raises:
-        SettingsError: it cannot be written there.
+        SettingsError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        say(
-            f"--plot {path}: no plot, because matplotlib is not installed: uv sync --extra plots "
-            "(elsewhere: install 'mocapella[plots]')"
-        )
-        return
     import numpy as np
+
+    from mocapella.evaluation.plots import new_figure, save_figure
 
     runs: list[tuple[str, str, str, Sequence[AnglesAt]]] = []
     for k, (name, points) in enumerate(people.items()):
@@ -222,7 +216,7 @@ def draw_angles(
         return
     columns = 4
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(3.2 * columns, 1.9 * rows), layout="constrained")
+    figure = new_figure(path, 3.2 * columns, 1.9 * rows)
     handles: dict[str, Any] = {}
     for axes, name in zip(figure.subplots(rows, columns, sharex=True, squeeze=False).ravel(), names, strict=False):
         for colour, line, label, points in runs:
@@ -236,8 +230,5 @@ def draw_angles(
     figure.supxlabel("time [s]", fontsize=8)
     if len(handles) > 1:
         figure.legend(list(handles.values()), list(handles), loc="outside upper right", fontsize=8, ncols=len(handles))
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"--plot {path}: {error}; name a .png or .svg in a folder that exists") from error
+    save_figure(figure, path)
     say(f"plot in {path}")

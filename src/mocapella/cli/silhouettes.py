@@ -29,6 +29,7 @@ from mocapella.cli.common import (
     View,
     chosen,
     console,
+    drawable,
     need_cameras,
     say,
     seconds_option,
@@ -136,6 +137,7 @@ def silhouettes(
     from mocapella.sources.video import parse_frames
 
     keys = read_keys(SilhouetteKeys, settings_file, settings)
+    drawable(keys.plot)
     live_wishes = LiveWishes(
         _inputs(sources, fps), keys.live, fps, keys.other_size, keys.fourcc, keys.empty_room, seconds, frames,
         background or (), keys.late,

@@ -174,6 +174,8 @@ class KinematicArmDetector:
             return False
         expected, evidence = arm.expected(predicted, dt, s.fit), evidence_of(part, model, predicted)
         fitted = model.fit(predicted, expected, evidence)
+        if fitted.cost > _ROSE * arm.calm:
+            fitted = self._moved_fast(arm, fitted, expected, evidence)
         usual = _JUMP * arm.fitted.cost
         jumped = fitted.cost > usual  # the hand turned or stopped, unlike its prediction
         if jumped:
@@ -188,6 +190,17 @@ class KinematicArmDetector:
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
+
+    @staticmethod
+    def _moved_fast(arm: CameraArmTrack, fitted: Fitted, expected: Expected, evidence: ArmEvidence) -> Fitted:
+        """Return a fit whose fingers may be far from their prediction, if it is clearly better; else the one given.
+
+        Fingers start and stop within an image or two. With as wide a prior in each image, a still hand would tremble.
+        """
+        certainty = expected.certainty.copy()
+        certainty[6:] *= _FREER
+        free = arm.model.fit(fitted.pose, replace(expected, certainty=certainty), evidence, iterations=6, loose=1.0)
+        return free if free.cost < _CLEARLY * fitted.cost else fitted
 
     @staticmethod
     def _elsewhere(
@@ -458,6 +471,12 @@ _MUCH_BETTER: Final = 0.7
 _LONGEST_WAIT: Final = 240
 """Most images between two new searches for a hand in doubt."""
 
+_ROSE: Final = 1.05
+"""Ratio of a cost to the lowest of late above which fingers may have moved unlike their prediction."""
+_FREER: Final = 1 / 36
+"""Factor of the certainty of the fingers' predicted angles then."""
+_CLEARLY: Final = 0.9
+"""Such a fit is taken if its cost is below this share of the other's."""
 _JUMP: Final = 1.25
 """Ratio of the costs of successive images above which the prediction counts as wrong."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors import ArmDetector
-from mocapella.model.arms import ELBOW, PALM, SeenArm, SeenArms
+from mocapella.kinematics.arm_quality import ArmQualitySettings, misdetected
+from mocapella.model.arm_quality import Misdetections
+from mocapella.model.arms import ARM_JOINTS, ELBOW, PALM, SeenArm, SeenArms
 from mocapella.model.hand import TIPS, WRIST
 from mocapella.model.observations import JointState
 from mocapella.sources.simulate.depth_scene import ArmTruth, DepthShot
@@ -25,6 +27,8 @@ MATCH_M: Final = 0.10
 """Largest distance between the palms of a true and a detected arm that match [m]."""
 FOUND_M: Final = 0.015
 """Largest error of a fingertip with the right name that counts as found [m]."""
+LIMITS: Final = ArmQualitySettings()
+"""Least way of a joint that jumped beyond its true motion, and longest time between images that are compared."""
 
 
 @dataclass
@@ -44,6 +48,8 @@ class ArmScores:
         wrist, palm, elbow: errors of these joints, of the elbow only if it is visible [m].
         sided: number of matched arms whose side, left or right, is correct.
         lost: length of the longest run of frames without a match for an arm, after its first match.
+        misdetected: misdetections (`kinematics.arm_quality.misdetected`) of matched arms, without the true motion.
+        compared_s: time over which they were counted [s].
     """
 
     frames: int = 0
@@ -60,6 +66,8 @@ class ArmScores:
     elbow: list[float] = field(default_factory=list)
     sided: int = 0
     lost: int = 0
+    misdetected: Misdetections = field(default_factory=Misdetections)
+    compared_s: float = 0.0
 
     def add(self, other: ArmScores) -> None:
         """Add another score to this one, in place; the longest loss is the longer of both."""
@@ -68,6 +76,7 @@ class ArmScores:
         for name in ("tips", "hidden", "wrist", "palm", "elbow"):
             getattr(self, name).extend(getattr(other, name))
         self.lost = max(self.lost, other.lost)
+        self.misdetected, self.compared_s = self.misdetected.plus(other.misdetected), self.compared_s + other.compared_s
 
     def table(self) -> dict[str, float]:
         """Return the figures: errors [mm] and shares, 0 to 1; NaN where nothing was counted.
@@ -78,7 +87,7 @@ class ArmScores:
         def of(values: list[float], q: float) -> float:
             return round(1e3 * float(np.percentile(values, q)), 2) if values else float("nan")
 
-        def part(some: int, of_all: int) -> float:
+        def part(some: int, of_all: float) -> float:
             return round(some / of_all, 4) if of_all else float("nan")
 
         return {
@@ -97,6 +106,7 @@ class ArmScores:
             "elbow_p95_mm": of(self.elbow, 95),
             "sided": part(self.sided, self.followed),
             "longest_loss_frames": self.lost,
+            "misdetections_per_minute": part(60 * self.misdetected.of_joints, self.compared_s),
         }
 
 
@@ -109,6 +119,7 @@ def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
     """
     scores = ArmScores()
     runs: dict[int, int] = {}
+    last: dict[int, tuple[float, SeenArm, ArmTruth]] = {}
     for shot in shots:
         seen = detector.update(shot.depth * np.float32(shot.unit_m), shot.at_s)
         for i, truth in enumerate(shot.arms):
@@ -126,6 +137,9 @@ def score(detector: ArmDetector, shots: Iterable[DepthShot]) -> ArmScores:
                 continue
             runs[i] = 0
             _add(scores, truth, arm)
+            if i in last:
+                _compare(scores, last[i], (shot.at_s, arm, truth))
+            last[i] = shot.at_s, arm, truth
     return scores
 
 
@@ -144,6 +158,18 @@ def matched(truth: ArmTruth, seen: SeenArms) -> SeenArm | None:
     near = [(float(np.linalg.norm(arm.points[PALM] - truth.points[PALM])), k) for k, arm in enumerate(seen.arms)]
     near = [pair for pair in near if pair[0] <= MATCH_M]
     return seen.arms[min(near)[1]] if near else None
+
+
+def _compare(scores: ArmScores, before: tuple[float, SeenArm, ArmTruth], now: tuple[float, SeenArm, ArmTruth]) -> None:
+    """Count the misdetections of an arm between two images, if they follow each other and it kept its id."""
+    step_s = now[0] - before[0]
+    if before[1].id != now[1].id or not 0 < step_s <= LIMITS.gap_s:
+        return
+    joints = list(ARM_JOINTS)
+    true = now[2].points[joints] - before[2].points[joints]
+    found = misdetected(before[1].joints, now[1].joints, LIMITS.jump_m, true)
+    found = found.plus(Misdetections(swapped=int(before[1].left != now[1].left)))
+    scores.misdetected, scores.compared_s = scores.misdetected.plus(found), scores.compared_s + step_s
 
 
 def _add(scores: ArmScores, truth: ArmTruth, arm: SeenArm) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocapella.compiled import njit
 from mocapella.fusion.object_pose_values import MarkerPixels, PosePrediction, PoseResult
 from mocapella.geometry.cholesky_kernels import factorise, substitute
-from mocapella.geometry.triangulation_lane_kernels import linearised
+from mocapella.geometry.triangulation_lane_kernels import linearised, numbers_of
 
 Float64 = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def add_pixels(
         ar, br, cr = a + s * (x[7] * c - x[8] * b), b + s * (x[8] * a - x[6] * c), c + s * (x[6] * b - x[7] * a)
         px, py, pz = x[0] + s * x[3] + ar, x[1] + s * x[4] + br, x[2] + s * x[5] + cr
         du, dv, ux, uy, uz, vx, vy, vz = linearised(
-            views, seen.camera, px, py, pz, seen.pixels[m, 0], seen.pixels[m, 1]
+            numbers_of(views, seen.camera), px, py, pz, seen.pixels[m, 0], seen.pixels[m, 1]
         )
         if not math.isfinite(du + dv):
             return math.inf

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mocapella.compiled import njit
 from mocapella.fusion.marker_rays import CameraPixels, RayMemory, RayOutput, RayParameters
 from mocapella.geometry.triangulation_kernels import triangulate
-from mocapella.geometry.triangulation_lane_kernels import linearised
+from mocapella.geometry.triangulation_lane_kernels import linearised, numbers_of
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -68,7 +68,7 @@ def correct(x: Float64, P: Float64, views: Float64, k: int, u: float, v: float, 
         variance: variance of the pixel's coordinates [px²].
         gate2: largest squared Mahalanobis distance of the innovation.
     """
-    du, dv, ax, ay, az, bx, by, bz = linearised(views, k, x[0], x[1], x[2], u, v)
+    du, dv, ax, ay, az, bx, by, bz = linearised(numbers_of(views, k), x[0], x[1], x[2], u, v)
     if not math.isfinite(du + dv):
         return False
     PA, PB = np.empty(6), np.empty(6)

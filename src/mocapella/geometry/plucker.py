@@ -72,6 +72,21 @@ def residual(points: Any, lines: Float64) -> Float64:
     return np.asarray(np.cross(points, lines[..., :3]) - lines[..., 3:])
 
 
+def nearest_point(lines: Float64) -> Float64:
+    """Return the points (..., 3) [m] with the least sum of squared distances from lines (..., n, 6).
+
+    The residual x × n − m is linear in x, so they solve 3 × 3 normal equations. NaN where an input is, or where no two
+    directions differ by more than about 1e-5 rad, which leaves the point free to move along the lines.
+    """
+    n, m = np.asarray(lines[..., :3]), np.asarray(lines[..., 3:])
+    A = (np.eye(3) * (n * n).sum(axis=-1)[..., None, None] - n[..., :, None] * n[..., None, :]).sum(axis=-3)
+    b = np.cross(n, m).sum(axis=-2)
+    A = np.where(np.isfinite(A).all(axis=(-2, -1), keepdims=True), A, 0.0)
+    known = (np.linalg.eigvalsh(A)[..., 0] > 1e-10)[..., None]
+    solved = np.linalg.solve(np.where(known[..., None], A, np.eye(3)), b[..., None])[..., 0]
+    return np.where(known, solved, np.nan)
+
+
 def moved(T: Float64, lines: Float64) -> Float64:
     """Return Plücker lines (..., 6) [direction, moment in m] after rigid motions (..., 4, 4); batch axes broadcast."""
     n, m = (T[..., :3, :3] @ lines[..., k : k + 3, None] for k in (0, 3))

@@ -35,6 +35,7 @@ from mocapella.geometry.triangulation_lane_kernels import (
     fit_most,
     inverse,
     linearised,
+    numbers_of,
     offset,
 )  # fmt: skip
 
@@ -98,7 +99,9 @@ def refine(
         for k in range(len(weights)):
             w = weights[k]
             if w > 0.0:
-                du, dv, px, py, pz, qx, qy, qz = linearised(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
+                du, dv, px, py, pz, qx, qy, qz = linearised(
+                    numbers_of(views, k), X, Y, Z, pixels[at, k, 0], pixels[at, k, 1]
+                )
                 cost += w * (du * du + dv * dv)
                 a += w * (px * px + qx * qx)
                 b += w * (px * py + qx * qy)
@@ -232,7 +235,7 @@ def truncated(
     for k in range(len(weights)):
         kept[k] = 0.0
         if weights[k] > 0.0:
-            du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
+            du, dv = offset(numbers_of(views, k), X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
             square = weights[k] * (du * du + dv * dv)
             if square <= gate2:
                 kept[k] = weights[k]
@@ -418,5 +421,5 @@ def write_residuals(
     """
     for k in range(len(weights)):
         if weights[k] > 0.0:
-            du, dv = offset(views, k, X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
+            du, dv = offset(numbers_of(views, k), X, Y, Z, pixels[at, k, 0], pixels[at, k, 1])
             residuals[at, k] = math.sqrt(du * du + dv * dv)

@@ -20,64 +20,77 @@ from mocapella.geometry.lens_kernels import distort
 Bool = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
+Numbers = tuple[float, ...]
 
 COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
 INLINED: Final[dict[str, Any]] = {**COMPILED, "forceinline": True}
 LANES = 32
+STEP = 8
+"""The loops run over a multiple of this many lanes, or a compiled loop takes the rest one by one."""
 LEFT, ALL, AGREED = np.uint8(0), np.uint8(1), np.uint8(2)
 """Whether a point is left to others, fitted to all its views, or to the views that agree."""
 
 
 @njit(**INLINED)
-def offset(views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float) -> tuple[float, float]:
-    """Return the reprojection error (du, dv) of a world point in view n: measured minus projected [px].
+def numbers_of(views: Float64, n: int) -> Numbers:
+    """Return the first 22 numbers of view n of views (views, 25) as values: a loop over lanes that reads the array
+    instead is not vectorised, because what it writes might be in the array."""
+    return (
+        views[n, 0], views[n, 1], views[n, 2], views[n, 3], views[n, 4], views[n, 5], views[n, 6], views[n, 7],
+        views[n, 8], views[n, 9], views[n, 10], views[n, 11], views[n, 12], views[n, 13], views[n, 14], views[n, 15],
+        views[n, 16], views[n, 17], views[n, 18], views[n, 19], views[n, 20], views[n, 21],
+    )  # fmt: skip
+
+
+@njit(**INLINED)
+def offset(N: Numbers, X: float, Y: float, Z: float, u: float, v: float) -> tuple[float, float]:
+    """Return the reprojection error (du, dv) of a world point in a view: measured minus projected [px].
 
     Args:
-        views, n: (views, 25) the cameras, and the index of one.
+        N: `numbers_of` the view.
         X, Y, Z: the point [m].
         u, v: its measured pixel [px].
 
     Returns:
         The error; infinite where the point is behind the camera or outside the lens model.
     """
-    z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
+    z = N[16] * X + N[17] * Y + N[18] * Z + N[21]
     w = 1.0 / z
-    x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
-    y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) * w
+    x = (N[10] * X + N[11] * Y + N[12] * Z + N[19]) * w
+    y = (N[13] * X + N[14] * Y + N[15] * Z + N[20]) * w
     r2 = x * x + y * y
-    radial = 1.0 + r2 * (views[n, 4] + r2 * (views[n, 5] + r2 * views[n, 8]))
-    at_u = x * radial + 2.0 * views[n, 6] * x * y + views[n, 7] * (r2 + 2.0 * x * x)
-    at_v = y * radial + views[n, 6] * (r2 + 2.0 * y * y) + 2.0 * views[n, 7] * x * y
-    shown = 0.0 if z > 0.0 and r2 <= views[n, 9] else math.inf
-    return u - (views[n, 0] * at_u + views[n, 2]) + shown, v - (views[n, 1] * at_v + views[n, 3]) + shown
+    radial = 1.0 + r2 * (N[4] + r2 * (N[5] + r2 * N[8]))
+    at_u = x * radial + 2.0 * N[6] * x * y + N[7] * (r2 + 2.0 * x * x)
+    at_v = y * radial + N[6] * (r2 + 2.0 * y * y) + 2.0 * N[7] * x * y
+    shown = 0.0 if z > 0.0 and r2 <= N[9] else math.inf
+    return u - (N[0] * at_u + N[2]) + shown, v - (N[1] * at_v + N[3]) + shown
 
 
 @njit(**INLINED)
 def linearised(
-    views: Float64, n: int, X: float, Y: float, Z: float, u: float, v: float
+    N: Numbers, X: float, Y: float, Z: float, u: float, v: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return the reprojection error of a world point in a view, as `offset`, and the derivatives of its projection.
 
     Args:
-        views, n, X, Y, Z, u, v: (views, 25) cameras, index of one, world point [m] and measured pixel [px], as in
-            `offset`.
+        N, X, Y, Z, u, v: `numbers_of` the view, world point [m] and measured pixel [px], as in `offset`.
 
     Returns:
         du and dv, measured minus projected [px], infinite where the point is behind the camera or outside the lens
         model; then the derivatives of the projected u (3) and v (3) by X, Y, Z [px/m].
     """
-    z = views[n, 16] * X + views[n, 17] * Y + views[n, 18] * Z + views[n, 21]
+    z = N[16] * X + N[17] * Y + N[18] * Z + N[21]
     w = 1.0 / z
-    x = (views[n, 10] * X + views[n, 11] * Y + views[n, 12] * Z + views[n, 19]) * w
-    y = (views[n, 13] * X + views[n, 14] * Y + views[n, 15] * Z + views[n, 20]) * w
-    shown = 0.0 if z > 0.0 and x * x + y * y <= views[n, 9] else math.inf
-    at_u, at_v, uu, uv, vv = distort(x, y, views[n, 4], views[n, 5], views[n, 6], views[n, 7], views[n, 8])
-    ax, ay, az = views[n, 10] - x * views[n, 16], views[n, 11] - x * views[n, 17], views[n, 12] - x * views[n, 18]
-    bx, by, bz = views[n, 13] - y * views[n, 16], views[n, 14] - y * views[n, 17], views[n, 15] - y * views[n, 18]
-    fu, fv = views[n, 0] * w, views[n, 1] * w
+    x = (N[10] * X + N[11] * Y + N[12] * Z + N[19]) * w
+    y = (N[13] * X + N[14] * Y + N[15] * Z + N[20]) * w
+    shown = 0.0 if z > 0.0 and x * x + y * y <= N[9] else math.inf
+    at_u, at_v, uu, uv, vv = distort(x, y, N[4], N[5], N[6], N[7], N[8])
+    ax, ay, az = N[10] - x * N[16], N[11] - x * N[17], N[12] - x * N[18]
+    bx, by, bz = N[13] - y * N[16], N[14] - y * N[17], N[15] - y * N[18]
+    fu, fv = N[0] * w, N[1] * w
     ux, uy, vx, vy = fu * uu, fu * uv, fv * uv, fv * vv
     return (
-        u - (views[n, 0] * at_u + views[n, 2]) + shown, v - (views[n, 1] * at_v + views[n, 3]) + shown,
+        u - (N[0] * at_u + N[2]) + shown, v - (N[1] * at_v + N[3]) + shown,
         ux * ax + uy * bx, ux * ay + uy * by, ux * az + uy * bz,
         vx * ax + vy * bx, vx * ay + vy * by, vx * az + vy * bz,
     )  # fmt: skip
@@ -184,9 +197,14 @@ def fit_most(
     count = pixels.shape[1]
     P, S = np.empty((3 * count, LANES)), np.empty((24, LANES))
     for begin in range(0, len(pixels), LANES):
-        lanes = min(LANES, len(pixels) - begin)
+        given = min(LANES, len(pixels) - begin)
+        lanes = (given + STEP - 1) // STEP * STEP
         S[:] = 0.0
-        for m in range(lanes):
+        for m in range(given, lanes):
+            S[13, m] = 1.0
+            for k in range(count):
+                P[3 * k, m], P[3 * k + 1, m], P[3 * k + 2, m] = views[k, 2], views[k, 3], 0.0
+        for m in range(given):
             for k in range(count):
                 u, v, s = pixels[begin + m, k, 0], pixels[begin + m, k, 1], sd[begin + m, k]
                 seen = s > 0.0 and math.isfinite(u + v + s)
@@ -216,10 +234,11 @@ def fit_most(
         for _ in range(4):
             S[:10] = 0.0
             for k in range(count):
+                N = numbers_of(views, k)
                 for m in range(lanes):
                     w = P[3 * k + 2, m]
                     du, dv, px, py, pz, qx, qy, qz = linearised(
-                        views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m]
+                        N, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m]
                     )
                     S[9, m] += w * (du * du + dv * dv)
                     add_to_system(S, m, w, px, py, pz, qx, qy, qz, du, dv)
@@ -239,12 +258,13 @@ def fit_most(
             if open_ == 0.0:
                 break
         for k in range(count):
+            N = numbers_of(views, k)
             for m in range(lanes):
-                du, dv = offset(views, k, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m])
+                du, dv = offset(N, S[10, m], S[11, m], S[12, m], P[3 * k, m], P[3 * k + 1, m])
                 square = du * du + dv * dv
                 P[3 * k, m] = math.sqrt(square)
                 S[17, m] += 0.0 if P[3 * k + 2, m] * square <= gate2 or P[3 * k + 2, m] == 0.0 else 1.0
-        for m in range(lanes):
+        for m in range(given):
             i = begin + m
             fitted[i] = ALL if S[16, m] >= 2.0 and S[13, m] == 1.0 and S[17, m] == 0.0 else LEFT
             if fitted[i] == ALL:
@@ -277,23 +297,29 @@ def fit_agreeing(
     S, at = np.empty((24, LANES)), np.empty(LANES, np.int64)
     begin = 0
     while gate2 < math.inf:
-        lanes = 0
-        while begin < len(pixels) and lanes < LANES:
+        given = 0
+        while begin < len(pixels) and given < LANES:
             if fitted[begin] == LEFT:
-                at[lanes] = begin
-                lanes += 1
+                at[given] = begin
+                given += 1
             begin += 1
-        if lanes == 0:
+        if given == 0:
             break
+        lanes = (given + STEP - 1) // STEP * STEP
         S[:] = 0.0
-        for m in range(lanes):
-            S[14, m] = math.inf  # the least error so far
+        S[14] = math.inf  # the least error so far
+        for m in range(given, lanes):
+            for k in range(count):
+                P[8 * k, m], P[8 * k + 1, m], P[8 * k + 2, m] = views[k, 2], views[k, 3], 0.0
+        for m in range(given):
             for k in range(count):
                 u, v, s = pixels[at[m], k, 0], pixels[at[m], k, 1], sd[at[m], k]
                 seen = s > 0.0 and math.isfinite(u + v + s)
                 P[8 * k, m] = u if seen else views[k, 2]
                 P[8 * k + 1, m] = v if seen else views[k, 3]
                 P[8 * k + 2, m] = 1.0 / (s * s) if seen else 0.0
+        for k in range(count):
+            for m in range(lanes):
                 kept[k, m] = 0.0
         for k in range(count):
             fx, fy, cx, cy, farthest = views[k, 0], views[k, 1], views[k, 2], views[k, 3], views[k, 9]
@@ -337,9 +363,10 @@ def fit_agreeing(
                     S[15, m] = 0.0 if meets and near else math.inf
                     S[16, m] = 0.0
                 for k in range(count):
+                    N = numbers_of(views, k)
                     for m in range(lanes):
                         w = P[8 * k + 2, m]
-                        du, dv = offset(views, k, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m])
+                        du, dv = offset(N, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m])
                         square = w * (du * du + dv * dv)
                         inlier = 1.0 if w > 0.0 and square <= gate2 else 0.0
                         S[15, m] += square if inlier == 1.0 else (gate2 if w > 0.0 else 0.0)
@@ -362,10 +389,11 @@ def fit_agreeing(
         for _ in range(4):
             S[:10] = 0.0
             for k in range(count):
+                N = numbers_of(views, k)
                 for m in range(lanes):
                     w = kept[k, m]
                     du, dv, px, py, pz, qx, qy, qz = linearised(
-                        views, k, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m]
+                        N, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m]
                     )
                     du, dv = du if w > 0.0 else 0.0, dv if w > 0.0 else 0.0
                     add_to_system(S, m, w, px, py, pz, qx, qy, qz, du, dv)
@@ -383,14 +411,15 @@ def fit_agreeing(
             if open_ == 0.0:
                 break
         for k in range(count):
+            N = numbers_of(views, k)
             for m in range(lanes):
                 w = P[8 * k + 2, m]
-                du, dv = offset(views, k, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m])
+                du, dv = offset(N, S[10, m], S[11, m], S[12, m], P[8 * k, m], P[8 * k + 1, m])
                 square = du * du + dv * dv
                 tried[k, m] = math.sqrt(square)
                 inlier = w > 0.0 and w * square <= gate2
                 S[17, m] += 0.0 if inlier == (kept[k, m] > 0.0) else 1.0
-        for m in range(lanes):
+        for m in range(given):
             i = at[m]
             if S[13, m] == 1.0 and S[17, m] == 0.0:
                 fitted[i] = AGREED

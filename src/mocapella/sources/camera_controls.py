@@ -14,7 +14,7 @@ import cv2
 
 from mocapella.sensing.colour_profile import CameraControls
 from mocapella.settings import check
-from mocapella.sources.picture_source import SourceState, left_automatic, missing_control
+from mocapella.sources.picture_source import SourceState, left_automatic, missing_control, stuck_automatic
 
 _VALUES: Final = {
     "exposure": cv2.CAP_PROP_EXPOSURE,
@@ -92,11 +92,7 @@ def set_camera(capture: Any, wishes: CameraWishes) -> SourceState:
     kept = tuple(name for name in _AUTOMATIC if name in wishes.controls.automatic and _switched_on(capture, name))
     problems += [left_automatic(name) for name in kept]
     stuck = tuple(name for name in _AUTOMATIC if name not in kept and not _switched_off(capture, name))
-    for name in stuck:
-        problems.append(
-            f"automatic {name.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's "
-            "own program, keep the light as it is, or learn the colours in the brightest and the darkest light"
-        )
+    problems += [stuck_automatic(name) for name in stuck]
     for name, value in _VALUES.items():
         wished = getattr(wishes.controls, name)
         if wished is None or _SET_BY.get(name) in kept:

@@ -21,7 +21,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.model.camera_controls import ControlDescription
 from mocapella.sensing.colour_profile import CameraControls
 from mocapella.sources.camera_controls import CameraWishes, set_camera
-from mocapella.sources.picture_source import Picture, SourceState, controls_of
+from mocapella.sources.picture_source import Picture, SourceState, controls_of, left_automatic, stuck_automatic
 from mocapella.sources.v4l2_controls import V4l2Controls, open_v4l2
 
 OPEN_TIMEOUT_S: Final = 5.0
@@ -95,11 +95,8 @@ class CaptureCamera:
         driven = getattr(capture, "getBackendName", lambda: "")() == "V4L2"
         self.times = _FROM_DRIVER if driven else _FROM_GRAB
         self._device = device = self._open_controls(self._target)
-        problems: tuple[str, ...] = ()
-        if device is not None and any(control.mode == "gain" for control in device.controls()):
-            # OpenCV knows no such mode.
-            problems = device.set_controls({}, {"gain": "gain" in self._wishes.controls.automatic})
-        state = set_camera(capture, self._wishes)
+        wishes, problems = (self._wishes, ()) if device is None else _with_gain_mode(device, self._wishes)
+        state = set_camera(capture, wishes)
         state = replace(state, problems=(*problems, *state.problems))
         found = () if device is None else device.controls()
         return replace(state, controls=_with_focus(controls_of(found), state.controls)) if found else state
@@ -172,6 +169,21 @@ class CaptureCamera:
             return stamp_s
         self.times = _FROM_GRAB
         return came_s
+
+
+def _with_gain_mode(device: V4l2Controls, wishes: CameraWishes) -> tuple[CameraWishes, tuple[str, ...]]:
+    """Switch the automatic gain, which OpenCV does not know, on or off as requested, if the driver has it.
+
+    Returns the wishes for OpenCV, without the gain if its automatic mode is on now, and a sentence if it is.
+    """
+    if not any(control.mode == "gain" for control in device.controls()):
+        return wishes, ()
+    wanted = "gain" in wishes.controls.automatic
+    device.set_controls({}, {"gain": wanted})
+    if not any(control.mode == "gain" and control.automatic for control in device.controls()):
+        return wishes, ()
+    rest = replace(wishes, controls=replace(wishes.controls, gain=None))
+    return rest, (left_automatic("gain") if wanted else stuck_automatic("gain"),)
 
 
 def _with_focus(controls: CameraControls, before: CameraControls) -> CameraControls:

@@ -88,7 +88,7 @@ def _rendered(text: str, wishes: CameraWishes, seed: int, prerender: int) -> Pic
         raise SettingsError(f"source {text!r} cannot be used; write it as {RENDERED}demo/left")
     made = load_hand_scene(scene, seed=seed)
     if prerender:
-        return PrerenderedCamera(made, camera, text, prerender, wishes.fps)
+        return PrerenderedCamera(made, camera, text, prerender, wishes.fps, wanted=wishes.controls)
     return RenderedCamera(made, camera, text, wishes.controls)
 
 

@@ -33,6 +33,9 @@ FPS: Final = 90.0
 """Frame rate if none is requested: the highest of the camera module 2 at this size [Hz]."""
 SETTLED: Final = 60
 """Number of images after which the automatic modes have settled, before they are switched off."""
+TIMEOUT_S: Final = 3.0
+"""Longest wait for an image, or for two if they take longer; libcamera can stop without an error [s]."""
+_CLOSE_S: Final = 2.0
 _BUFFERS: Final = 4
 _US_PER_S: Final = 1e6
 _CONTROLS: Final = (  # our name, libcamera's, its place in a tuple, unit, step, automatic mode
@@ -79,6 +82,7 @@ class PiCamera:
         open_camera: opens a ``Picamera2``; replaced in tests.
         clock: the monotonic clock, in seconds.
         boot_clock: the clock of the sensor's stamps, in seconds.
+        timeout_s: longest wait for an image, at least two intervals of the frame rate [s].
 
     Attributes:
         name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
@@ -97,8 +101,9 @@ class PiCamera:
         open_camera: Callable[[int], Any] = load_picamera2,
         clock: Callable[[], float] = time.monotonic,
         boot_clock: Callable[[], float] | None = None,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
-        self.name = name
+        self.name, self._timeout_s = name, timeout_s
         self._target, self._wishes, self._open_camera = number, wishes or CameraWishes(), open_camera
         self._clock, self._boot_clock = clock, boot_clock or _boot_s
         self._lock = threading.Lock()
@@ -115,7 +120,8 @@ class PiCamera:
         and are switched off then.
 
         Raises:
-            InputError: picamera2 is not installed, or the camera cannot be opened; states a remedy.
+            InputError: picamera2 is not installed, the camera cannot be opened, or gives no image in time; states a
+                remedy.
         """
         self.close()
         camera = self._open_camera(self._target)
@@ -126,6 +132,8 @@ class PiCamera:
                 self._camera = None
             _closed(camera)
             fix = "see whether another program uses it; a smaller --size needs less memory"
+            if isinstance(error, TimeoutError):
+                fix = "look at the cable and whether rpicam-hello shows it; else restart the Raspberry Pi"
             raise InputError(f"cannot be started ({error})", file=self.name, fix=fix) from None
 
     def _started(self, camera: Any) -> SourceState:
@@ -159,18 +167,24 @@ class PiCamera:
         """Do nothing: a camera has its own clock."""
 
     def read(self, stop: threading.Event) -> Picture | None:
-        """Wait for the next image; None if the camera is lost or not open. ``stop`` does not interrupt the wait."""
+        """Wait for the next image; None if the camera is lost or not open. ``stop`` does not interrupt the wait.
+
+        A camera that gives no image in time is closed: libcamera's thread may wait for it without end.
+        """
         camera = self._camera
         if camera is None:
             return None
         try:
-            request = camera.capture_request()
+            request = self._captured(camera, camera.capture_request)
             came_s = self._clock()
             try:
                 image, facts = request.make_array("main"), request.get_metadata()
             finally:
                 request.release()
-        except (RuntimeError, TimeoutError, OSError):
+        except TimeoutError:
+            self.close()
+            return None
+        except (RuntimeError, OSError):
             return None
         ready_s = self._clock()
         stamp_s = facts["SensorTimestamp"] / NS_PER_S - 0.5 * facts.get("ExposureTime", 0) / _US_PER_S
@@ -235,7 +249,20 @@ class PiCamera:
             if mode in self._automatic and mode not in wanted.automatic and name not in wanted.values
         }
         for _ in range(SETTLED if open_modes else 0):
-            self._follow(self._camera.capture_metadata())
+            self._follow(self._captured(self._camera, self._camera.capture_metadata))
+
+    def _captured(self, camera: Any, capture: Callable[..., Any]) -> Any:
+        """The result of one of picamera2's captures, which wait without end by themselves.
+
+        Raises:
+            TimeoutError: there is none in time; the capture is still queued.
+        """
+        done = threading.Event()
+        job = capture(signal_function=lambda _: done.set())
+        longest_s = max(self._timeout_s, 2 * self._frame_us / _US_PER_S)
+        if not done.wait(longest_s):
+            raise TimeoutError(f"no image within {longest_s:g} s")
+        return camera.wait(job)
 
     def _value(self, theirs: str, ours: list[str]) -> Any:
         """The value of a control as libcamera takes it."""
@@ -266,10 +293,19 @@ class PiCamera:
 
 
 def _closed(camera: Any) -> None:
-    """Stop and release a camera, which may have gone."""
-    for release in (camera.stop, camera.close):
-        with suppress(RuntimeError, OSError, TimeoutError):
-            release()
+    """Stop and release a camera, which may have gone; leave it after `_CLOSE_S` seconds if libcamera does not answer.
+
+    Queued captures are cancelled, for picamera2 stops only after them.
+    """
+
+    def release() -> None:
+        for step in (getattr(camera, "cancel_all_and_flush", lambda: None), camera.stop, camera.close):
+            with suppress(RuntimeError, OSError, TimeoutError):
+                step()
+
+    closing = threading.Thread(target=release, name="closing a camera", daemon=True)
+    closing.start()
+    closing.join(_CLOSE_S)
 
 
 def pi_camera_number(text: str) -> int | None:

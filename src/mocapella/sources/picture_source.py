@@ -166,6 +166,14 @@ def missing_control(name: str, value: float) -> str:
     return f"{name.replace('_', ' ')} cannot be set to {value:g}: there is no such control; learn the colours again"
 
 
+def stuck_automatic(mode: str) -> str:
+    """Return the sentence about an automatic mode that the camera does not switch off."""
+    return (
+        f"automatic {mode.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's own "
+        "program, keep the light as it is, or learn the colours in the brightest and the darkest light"
+    )
+
+
 def left_automatic(mode: str) -> str:
     """Return the sentence about an automatic mode that is on because the profile has it so."""
     return f"automatic {mode.replace('_', ' ')} is on, as saved: colours may drift; switch it off in the view"

@@ -55,8 +55,8 @@ class RenderedCamera(RenderedSource):
     def open(self) -> SourceState:
         """Render an image, so that kernels are compiled, begin with the first one, and return image size and rate."""
         self.restart()
-        state = SourceState(self.camera.size_px, self.camera.fps, problems=self._problems)
-        return replace(state, controls=controls_of(self.controls()))
+        controls = controls_of(self._controls.controls())
+        return SourceState(self.camera.size_px, self._fps, controls, problems=self._problems)
 
     def controls(self) -> tuple[ControlDescription, ...]:
         """Return the camera's controls, see `mocapella.sources.picture_source.ControlledSource`."""
@@ -69,7 +69,7 @@ class RenderedCamera(RenderedSource):
     def profile(self) -> ColourProfile:
         """Return a colour profile that is learnt from images of the hand with all markers marked."""
         learnt = pointed_at(self.scene, self.camera.name, taken_by=self._controls.camera)
-        return replace(learnt, controls=controls_of(self.controls()))
+        return replace(learnt, controls=controls_of(self._controls.controls()))
 
     def render(self, at_s: float) -> Image:
         """Render the image, (height, width, 3) uint8 BGR, at a time on the scene's clock [s]."""
