@@ -10,7 +10,7 @@ import statistics
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.harness import Goal, Row, at_least, at_most, compared, measured
 from benchmarks.line_skeleton import SR305, grid_rows, masks_of, one_thread, sr305_frames, stage_rows
 from mocapella.detectors import ArmDetector, make_detector
-from mocapella.evaluation.arms import ArmScores, jitter, matched, score
+from mocapella.evaluation.arms import ArmScores, in_image, jitter, matched, score
 from mocapella.evaluation.gestures import GestureScores, gesture_scores
 from mocapella.evaluation.line_skeleton_grid import rendered_frames
 from mocapella.evaluation.two_cameras import CAMERAS, FUSED, beside, looks_of, two_camera_scores
@@ -88,6 +88,7 @@ def run(quick: bool = False) -> list[Row]:
     rows = [*_figures(totals), *(_worst(by_scene)), *_speed(ours_ms, first_ms)]
     rows += [measured(f"arm: gestures, {what}", value, unit) for what, value, unit in _gesture_figures(gestures)]
     rows += still_rows(quick)
+    rows += single_rows(quick)
     rows += two_camera_rows(quick)
     rows += stereo_rows(quick)
     frames = sr305_frames()
@@ -247,6 +248,47 @@ def two_camera_rows(quick: bool) -> list[Row]:
         text = f"arm: two cameras, {name}, followed (alone {followed})"
         rows.append(measured(text, 100 * told[FUSED]["followed"], "%"))
     return rows
+
+
+def single_rows(quick: bool) -> list[Row]:
+    """Single images of all scenes with one arm, each of its own seed, and detected by itself."""
+    rows = []
+    for sensor in (*SENSORS[:2], "stereo")[: 1 if quick else None]:
+        tell(f"single images, {sensor}")
+        found = right = images = 0
+        seen: list[float] = []
+        measured_m: list[float] = []
+        for scene, shot in single_shots(sensor, range(100, 104 if quick else 136)):
+            if not in_image(shot.arms[0], shot):
+                continue
+            images += 1
+            detector = make_detector("kinematic-arm", Camera(sensor, scene.sensor.size_px, scene.lens))
+            arm = matched(shot.arms[0], detector.update(shot.depth * np.float32(shot.unit_m), 0.0))
+            if arm is not None:
+                found += 1
+                off_m = np.linalg.norm(arm.points[list(TIPS)] - shot.arms[0].points[list(TIPS)], axis=1)
+                visible = off_m[shot.arms[0].seen[list(TIPS)] > 0]
+                right += bool((visible < 0.02).all())
+                seen += visible.tolist()
+                measured_m += off_m[arm.states[list(TIPS)] == JointState.TRACKED].tolist()
+        wrong = 100 * float(np.mean(np.array(measured_m) > 0.03)) if measured_m else np.nan
+        tips = 1e3 * np.percentile(seen, [50, 95]) if seen else [np.nan, np.nan]
+        rows += [
+            measured(f"arm: single images, {sensor}, with the hand, of {images}", found, ""),
+            measured(f"arm: single images, {sensor}, all visible fingertips within 20 mm, of {images}", right, ""),
+            measured(f"arm: single images, {sensor}, visible fingertips, median", tips[0], "mm"),
+            measured(f"arm: single images, {sensor}, visible fingertips, 95 %", tips[1], "mm"),
+            measured(f"arm: single images, {sensor}, measured fingertips more than 30 mm off", wrong, "%"),
+        ]
+    return rows
+
+
+def single_shots(sensor: str, seeds: Iterable[int]) -> Iterator[tuple[DepthScene, DepthShot]]:
+    """Yield one image of each seed, of the scenes with one arm by turns, at a random time."""
+    names = [name for name in SCENES if name != "two-hands"]
+    for seed in seeds:
+        scene = load_depth_scene(names[seed % len(names)], seed=seed, sensor=sensor)
+        yield scene, scene.at(float(np.random.default_rng([seed, 7]).uniform(0, scene.period_s)))
 
 
 def stereo_rows(quick: bool) -> list[Row]:

@@ -664,11 +664,20 @@ def test_balls_along_the_flesh_say_whose_they_are() -> None:
     assert len(model.spheres(pose, 0.001)) == 400  # as many as are kept
 
 
+def test_the_thumb_of_a_new_arm_may_be_less_usual_than_a_finger_but_for_poor_starts() -> None:
+    model, pose = arm_model("right"), posed(arm_model("right"), np.random.default_rng(3))
+    s = model.settings
+    usual = model.unexpected(pose, usual=True)
+    np.testing.assert_allclose(model.unexpected(pose).information[10:], [s.thumb_sd**-2.0, *[s.digit_sd**-2.0] * 4])
+    np.testing.assert_allclose(usual.information[10:], s.digit_sd**-2.0)
+    np.testing.assert_array_equal(usual.information[:10], model.unexpected(pose).information[:10])
+
+
 @pytest.mark.parametrize(
     ("name", "values"),
     [
         *((name, (0.0, 1.0, -1.0)) for name in ("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m",
-          "collision_sd_m", "size_sd", "thickness_sd", "digit_sd", "forearm_sd")),
+          "collision_sd_m", "size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd")),
         *((name, (-0.01, 0.1)) for name in ("ahead_m", "overlap_m")),
         *((name, (0.0, 1e5, float("nan"))) for name in ("deviation_sd_deg", "flexion_sd_deg", "angle_rate_deg_s",
           "palm_rate_deg_s", "palm_rate_m_s")),

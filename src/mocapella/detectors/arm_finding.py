@@ -8,18 +8,18 @@ cost are rejected, and of fits that overlap only the best is kept (non-maximum s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.detectors.arm_starts import arm_starts
+from mocapella.detectors.branch_ends import branch_ends, missed, reached, reaching, unexplained
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Fitted
-from mocapella.kinematics.arm_fit import kernels as fit_kernels
 from mocapella.model.arms import ELBOW, PALM
-from mocapella.model.hand import Handedness
+from mocapella.model.hand import TIPS, Handedness
 from mocapella.sensing.arm_region import (
     ArmRegionSettings,
     PalmCandidate,
@@ -44,14 +44,22 @@ class Found(NamedTuple):
     """An arm detected by fitting the arm model to a region of the depth image.
 
     Attributes:
-        cost: the fit's cost plus a penalty for occlusion, 0 or more; it ranks detections.
+        cost: the fit's cost plus a penalty for occlusion, 0 or more.
         side: side of the hand model that was fitted.
         fitted: the fit's pose, sizes and costs.
+        missed: cost of the ends of fingers in the image that no fingertip explains; only fits of one hand are compared
+            by it.
     """
 
     cost: float
     side: Handedness
     fitted: Fitted
+    missed: float = 0.0
+
+    @property
+    def rank(self) -> float:
+        """Sum of both costs, by which fits of one hand are ranked."""
+        return self.cost + self.missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +70,7 @@ class ArmFinder:
         models: model of a right and a left arm, by side.
         lens: (4,) fx, fy, cx, cy of the camera [px], or (9,) with the distortion, which is not used.
         settings: settings of the segmentation of arms.
-        believe: cost (`Fitted.cost`) above which a fit is rejected.
+        believe: `Found.rank` above which a fit is rejected.
         gain: least expected reduction of that cost for trying another posture of a digit.
     """
 
@@ -151,7 +159,7 @@ class ArmFinder:
     def apart(self, found: list[Found]) -> list[Found]:
         """Suppress non-maxima: return the fits, the best first, without those `near` a better one of either side."""
         kept: list[Found] = []
-        for one in sorted(found, key=lambda one: one.cost):
+        for one in sorted(found, key=lambda one: one.rank):
             if not any(self.near(other, one) for other in kept):
                 kept.append(one)
         return kept
@@ -170,10 +178,10 @@ class ArmFinder:
             one: the hand's fit.
             found: fits of both sides; ``one``'s own side is ignored.
         """
-        others = [other.cost for other in found if other.side != one.side and self.near(other, one)]
+        others = [other.rank for other in found if other.side != one.side and self.near(other, one)]
         if not others:
             return SUREST
-        return float(np.clip(0.5 + 0.5 * (min(others) - one.cost) / max(one.cost, 1e-6), 0.5, SUREST))
+        return float(np.clip(0.5 + 0.5 * (min(others) - one.rank) / max(one.rank, 1e-6), 0.5, SUREST))
 
     def unclear(self, one: Found, found: list[Found]) -> Bool:
         """Return (23,) which landmarks another fit of the same hand, which is nearly as good, has elsewhere.
@@ -185,7 +193,7 @@ class ArmFinder:
         points = self.models[one.side].points(one.fitted.pose)
         elsewhere = np.zeros(len(points), np.bool_)
         for other in found:
-            if other is not one and other.cost < _RIVAL * one.cost and self.near(other, one):
+            if other is not one and other.rank < _RIVAL * one.rank and self.near(other, one):
                 apart = np.linalg.norm(self.models[other.side].points(other.fitted.pose) - points, axis=1)
                 elsewhere |= apart > _ELSEWHERE_M
         return elsewhere
@@ -229,7 +237,7 @@ class ArmFinder:
                 continue
             points = np.ascontiguousarray(part.points)
             evidence = ArmEvidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
-            judged.append((self._around_cost(one, rivals, evidence) + one.cost, k))
+            judged.append((self._around_cost(one, rivals, evidence) + one.rank, k))
         return [found[k] for _, k in sorted(judged)]
 
     def _around_cost(self, one: Found, rivals: list[Found], evidence: ArmEvidence) -> float:
@@ -247,7 +255,7 @@ class ArmFinder:
     def best(self, depth: Float32, candidate: PalmCandidate, whole: Float32 | None = None) -> Steps[list[Found]]:
         """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, right before left.
 
-        Fits with a cost above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
+        Fits with a rank above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
         the better ones get more.
 
         Args:
@@ -264,9 +272,9 @@ class ArmFinder:
         evidence = ArmEvidence(points, weights, part.front, part.opposite, part.lens)
         pool: list[tuple[Found, Float64 | None]] = []
         for side, model in self.models.items():
-            for start, tips in _starts(model, candidate):
+            for start, tips in arm_starts(model, candidate):
                 fitted = model.fit(
-                    start, model.unexpected(start), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+                    start, model.unexpected(start, usual=True), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
                 )
                 pool.append((Found(fitted.cost, side, fitted), tips))
                 yield _work(evidence, 4)
@@ -280,8 +288,8 @@ class ArmFinder:
                     continue
                 evidence = evidence_of(closer, model, before.pose, count, 0.3)
                 fitted = model.fit(
-                    before.pose, model.unexpected(before.pose), evidence, iterations=iterations, loose=loose,
-                    tips=tips if count <= 250 else None,
+                    before.pose, model.unexpected(before.pose, usual=True), evidence, iterations=iterations,
+                    loose=loose, tips=tips if count <= 250 else None,
                 )  # fmt: skip
                 better.append((Found(fitted.cost, side, fitted), tips))
                 yield _work(evidence, iterations) + (_REGION if count > 250 else 0)
@@ -290,11 +298,10 @@ class ArmFinder:
         for one, _ in _of_each_side(pool, 1):
             if one.cost < _HOPELESS:
                 best.append((yield from self._repaired(depth, one, depth if whole is None else whole)))
-        return [one for one in best if one.cost <= self.believe]
+        return [one for one in best if one.rank <= self.believe]
 
-    def _repaired(self, depth: Float32, found: Found, whole: Float32) -> Steps[Found]:
-        """Improve a fit by other postures of single digits, or by exchanging fingers; refit it and add occlusion."""
-        model, fitted = self.models[found.side], found.fitted
+    def _held_otherwise(self, depth: Float32, model: ArmModel, fitted: Fitted) -> Steps[Fitted]:
+        """Improve a fit by other postures of single digits, or by exchanging fingers."""
         left, exchanged = set(range(5)), False
         for _ in range(_REPAIRS):
             part = self.region(depth, model.spheres(fitted.pose))
@@ -315,27 +322,84 @@ class ArmFinder:
             others = [model.fit(start, model.unexpected(start), evidence, iterations=6, loose=1.5) for start in starts]
             other = min(others, key=lambda other: other.cost, default=fitted)
             yield _work(evidence, 7 * len(starts)) + _HELD_OTHERWISE * len(left) + _REGION
-            if other.cost < 0.98 * cost_of(model, fitted.pose, evidence):
+            if other.cost < _BETTER * cost_of(model, fitted.pose, evidence):
                 fitted, left, exchanged = other, set(range(5)), False
+        return fitted
+
+    def _repaired(self, depth: Float32, found: Found, whole: Float32) -> Steps[Found]:
+        """Improve a fit by other postures of digits, and by digits that reach ends of branches; add its penalties.
+
+        Args:
+            depth, whole: see `best`.
+            found: the fit.
+        """
+        model = self.models[found.side]
+        best = yield from self._refined(depth, model, (yield from self._held_otherwise(depth, model, found.fitted)))
+        for _ in range(_REACHES):
+            start = None if best is None else (yield from self._reached(depth, model, best))
+            if best is None or start is None:
+                break
+            other = yield from self._refined(depth, model, (yield from self._held_otherwise(depth, model, start)))
+            if other is None or other.rank > _BETTER * best.rank:
+                break
+            best = other
+        if best is None:
+            return Found(math.inf, found.side, found.fitted)
+        fitted = best.fitted
+        if fitted.cost > _SURELY or whole is not depth:
+            around = self.region(whole, model.spheres(fitted.pose))
+            if around is None or _stray(model, fitted.pose, around) > _STRAY:
+                return Found(math.inf, found.side, fitted)
+        hidden = max(float(fitted.costs[4]), others_edges(best.part.front, self.settings))
+        return Found(fitted.cost + _HIDDEN * hidden, found.side, fitted, best.missed)
+
+    def _reached(self, depth: Float32, model: ArmModel, refined: _Refined) -> Steps[Fitted | None]:
+        """Return the best of fits in which a digit reaches an end of a branch that no tip explains; None without."""
+        pose, fits = refined.fitted.pose, []
+        evidence = evidence_of(refined.part, model, pose, 400, 0.3)
+        for end in unexplained(refined.ends, model.points(pose)[[*TIPS]]):
+            for start, tips in reaching(model, pose, end):
+                prior = model.unexpected(start)
+                fits.append(model.fit(start, prior, evidence, iterations=_TO_END, loose=1.5, tips=tips))
+                yield _work(evidence, _TO_END) + _REACHING
+        return min(fits, key=lambda fit: fit.cost, default=None)
+
+    def _refined(self, depth: Float32, model: ArmModel, fitted: Fitted) -> Steps[_Refined | None]:
+        """Refit a pose to all points, also of its surroundings; None where there is no region, or one unlike a hand."""
         part = self.region(depth, model.spheres(fitted.pose))
         if part is None:
-            return Found(fitted.cost, found.side, fitted)
+            return None
         evidence = evidence_of(part, model, fitted.pose, beyond=0.3)
         hand = evidence.points[evidence.weights == 1.0]
         if len(hand) < _FEW_OF_HAND or _thickness(hand) < _FLAT_M:
-            return Found(math.inf, found.side, fitted)
-        ends = [
-            model.fit(fitted.pose, model.unexpected(fitted.pose), evidence, iterations=iterations, loose=loose)
-            for iterations, loose in ((0, 1.0), (12, 1.0), (12, 2.0))
-        ]
-        yield _work(evidence, 26) + _REGION
-        best = min(ends, key=lambda end: end.cost)
-        if best.cost > _SURELY or whole is not depth:
-            around = self.region(whole, model.spheres(best.pose))
-            if around is None or _stray(model, best.pose, around) > _STRAY:
-                return Found(math.inf, found.side, best)
-        hidden = max(float(best.costs[4]), others_edges(part.front, self.settings))
-        return Found(best.cost + _HIDDEN * hidden, found.side, best)
+            return None
+        points = model.points(fitted.pose)
+        ends = branch_ends(depth, self.lens, points[PALM], self.settings)
+        yield _REGION + _ENDS
+        targets, prior, fits = reached(ends, points[[*TIPS]]), model.unexpected(fitted.pose), []
+        for iterations, loose, tips in (
+            (0, 1.0, None),
+            (_FINELY, 1.0, None),
+            (_FINELY, 2.0, None),
+            (_FINELY, 1.0, targets),
+        ):
+            fit = model.fit(fitted.pose, prior, evidence, iterations=iterations, loose=loose, tips=tips)
+            fits.append(_Refined(fit, part, ends, _MISSED * missed(ends, model.points(fit.pose)[[*TIPS]])))
+            yield _work(evidence, iterations)
+        return min(fits, key=lambda fit: fit.rank)
+
+
+class _Refined(NamedTuple):
+    """A fit to all points of its region; ends (k, 3) of fingers in the image [m], and the cost of unexplained ones."""
+
+    fitted: Fitted
+    part: Region
+    ends: Float64
+    missed: float
+
+    @property
+    def rank(self) -> float:
+        return self.fitted.cost + self.missed
 
 
 def _stray(model: ArmModel, pose: ArmPose, part: Region) -> float:
@@ -379,79 +443,6 @@ def _of_each_side(pool: list[tuple[Found, Float64 | None]], most: int) -> list[t
     return [entry for side in ("right", "left") for entry in [one for one in pool if one[0].side == side][:most]]
 
 
-def _starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose, Float64 | None]]:
-    """Yield poses to start fits from, and target positions of fingertips.
-
-    The palm or the back of the hand faces the camera, along the forearm. Detected tips are in the order of the digits;
-    if they are fewer than five, every choice of digits is tried, and the others are bent. Without tips the hand is a
-    fist, or seen from its side.
-    """
-    normal, tips = candidate.normal, candidate.tips
-    edge_on = candidate.radius_m < _EDGE_ON_M
-    for z_axis in _pointing(candidate):
-        y_axis = _across(normal, z_axis, candidate.centre)
-        for roll in _ROLLS:
-            y = np.cos(roll) * y_axis + np.sin(roll) * np.cross(z_axis, y_axis)
-            R = np.stack([np.cross(y, z_axis), y, z_axis], axis=1)
-            t = candidate.centre - 0.012 * normal - R @ (0.5 * model.shape.bases[2] * model.shape.mirror)
-            v = model.state()
-            if candidate.forearm is not None:
-                v[4:7] = R.T @ candidate.forearm
-                # The upper arm points back to the shoulder, away from the camera.
-                back = 0.5 * candidate.forearm + candidate.centre / np.linalg.norm(candidate.centre)
-                v[7:10] = R.T @ (back / np.linalg.norm(back))
-            turned = np.ascontiguousarray(R).reshape(9)
-            if roll in _FLAT or len(tips) < 2:
-                # Seen from its back, a right hand's digits are in clockwise order from the thumb.
-                clockwise = (np.cos(roll) > 0) == (model.mirror > 0)
-                ordered = tips[::-1] if clockwise else tips
-                for digits in combinations(range(5), len(tips)):
-                    z = _posed(model, tuple(_OPEN[d] if d in digits else _BENT[d] for d in range(5)))
-                    targets = np.full((5, 3), np.nan)
-                    targets[list(digits)] = ordered
-                    yield ArmPose(turned, t.copy(), z, v.copy()), targets
-            if len(tips) < 2 or (edge_on and roll not in _FLAT):
-                for shift in _SHIFTS_M:
-                    for postures in (_OPEN, _BENT, _HOLDING):
-                        yield ArmPose(turned, t + shift * z_axis, _posed(model, postures), v.copy()), None
-
-
-def _pointing(candidate: PalmCandidate) -> list[Float64]:
-    """Return directions of the hand: away from the forearm, else to the fingertips, else any across the normal."""
-    normal, tips = candidate.normal, candidate.tips
-    if candidate.forearm is not None:
-        return [-candidate.forearm]
-    if len(tips) >= 2:
-        mean = tips.mean(axis=0) - candidate.centre
-        return [mean / np.linalg.norm(mean)]
-    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
-    across /= np.linalg.norm(across)
-    other = np.cross(normal, across)
-    return [np.cos(a) * across + np.sin(a) * other for a in np.arange(6) * np.pi / 3]
-
-
-def _across(normal: Float64, z_axis: Float64, centre: Float64) -> Float64:
-    """Return the normal's component across the hand's axis; if it is too small, that of the viewing direction."""
-    for direction in (normal, -centre / np.linalg.norm(centre), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
-        across = direction - (direction @ z_axis) * z_axis
-        length = float(np.linalg.norm(across))
-        if length > 0.3:
-            break
-    return np.asarray(across / length)
-
-
-_FLAT: Final = (0.0, np.pi)
-_EDGE_ON_M: Final = 0.026
-"""A hand whose largest inscribed circle has a smaller radius may be seen from its side [m]."""
-_ROLLS: Final = (*_FLAT, 0.5 * np.pi, -0.5 * np.pi)
-_OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
-_BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
-_HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
-"""Flexion, abduction and second flexion of thumb to little finger [degrees]."""
-_SHIFTS_M: Final = (-0.03, 0.0, 0.03)
-"""Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain."""
-
-
 SUREST: Final = 0.95
 """Largest certainty of a hand's side."""
 _CLEAR: Final = 0.75
@@ -466,10 +457,22 @@ _OVERLAP_M: Final = 0.05
 _ELBOWS_M: Final = 0.10
 _REGION: Final = 700
 _HELD_OTHERWISE: Final = 250
+_ENDS: Final = 2000
+_REACHING: Final = 1000
 """Time of each step [µs]."""
 _POINTS: Final = 90
 _ABOUT_M: Final = 0.16
 _REPAIRS: Final = 10
+_REACHES: Final = 3
+"""Most digits that are brought to the ends of branches, one after the other."""
+_BETTER: Final = 0.98
+"""A fit is replaced by one whose cost is below this share of its own."""
+_MISSED: Final = 0.02
+"""Cost of an end of a branch that no fingertip explains."""
+_FINELY: Final = 20
+"""Iterations of the last fit to all points."""
+_TO_END: Final = 8
+"""Iterations of a fit that brings a digit to the end of a branch."""
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """Of each round: fits kept per side, points, iterations, and factor of the robust scales in the first iteration."""
 _AROUND: Final = 6
@@ -488,11 +491,3 @@ _STRAY: Final = 0.04
 """Most stray points near a hand: a head or a thing has more surface around the supposed hand."""
 _HIDDEN: Final = 0.3
 """Weight of occlusion in the cost, so that an almost hidden arm is not detected."""
-
-
-def _posed(model: ArmModel, flexions: tuple[tuple[int, int, int], ...]) -> Float64:
-    z = model.natural.copy()
-    for digit, held in enumerate(flexions):
-        model.hold(z, digit, *held)
-    fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
-    return z

@@ -152,7 +152,7 @@ class KinematicArmDetector:
         if part is None:
             return Found(math.inf, one.side, one.fitted)
         fitted = model.fit(pose, model.unexpected(pose), evidence_of(part, model, pose), iterations=4, loose=1.0)
-        return Found(fitted.cost, one.side, fitted)
+        return Found(fitted.cost, one.side, fitted, one.missed)
 
     def _reason(self, depth: Float32) -> str:
         s = self.settings.region
@@ -260,7 +260,7 @@ class KinematicArmDetector:
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
             found += at_once(self.finder.best(depth, candidate, depth))
-        for one in sorted(found, key=lambda one: one.cost)[:1]:
+        for one in sorted(found, key=lambda one: one.rank)[:1]:
             part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
             if part is not None and self._change(arm, one.side, one.fitted, part):
                 arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after

@@ -57,7 +57,8 @@ class ArmFitSettings:
         overlap_m: allowed overlap of digits [m].
         size_sd: standard deviation of a hand's size, relative to the average [ratio].
         thickness_sd: standard deviation of a hand's thickness, relative to the average [ratio].
-        digit_sd: standard deviation of a digit's length, relative to the usual one for the hand's size [ratio].
+        digit_sd: standard deviation of a finger's length, relative to the usual one for the hand's size [ratio].
+        thumb_sd: the same of the thumb's length, which varies more [ratio].
         forearm_sd: standard deviation of the forearm's length, relative to the usual one for the hand's size [ratio].
         deviation_sd_deg: standard deviation of the wrist's deviation to the thumb's or little finger's side [°].
         flexion_sd_deg: standard deviation of the wrist's flexion about the straight wrist [°].
@@ -83,6 +84,7 @@ class ArmFitSettings:
     size_sd: float = 0.2
     thickness_sd: float = 0.08
     digit_sd: float = 0.05
+    thumb_sd: float = 0.10
     forearm_sd: float = 0.07
     deviation_sd_deg: float = 15.0
     flexion_sd_deg: float = 35.0
@@ -96,7 +98,7 @@ class ArmFitSettings:
     def __post_init__(self) -> None:
         for name in (
             *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "sharp_sd_m", "collision_sd_m"),
-            *("size_sd", "thickness_sd", "digit_sd", "forearm_sd"),
+            *("size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd"),
         ):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
         for name in ("ahead_m", "overlap_m"):
@@ -215,6 +217,7 @@ class ArmModel:
     Attributes:
         arrays: the model for the kernels; its fields are also attributes of this object.
         angle_of, natural: (n,) the free angles' indices in `ANGLES`, and their values at rest [rad].
+        ways: of each digit, postures (k, 5) that `held_otherwise` tries, the first a placeholder for the present [rad].
         prior: (n, n) inverse covariance of the free angles about ``natural`` [1/rad²].
         length_m, forearm_m: length of the hand ``shape`` from wrist to middle fingertip, and of its forearm [m].
     """
@@ -242,13 +245,14 @@ class ArmModel:
         s = self.settings
         self.sizes = np.zeros(kernels().STATE)
         self.sizes[:2], self.sizes[10:] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
+        self.sizes[10] = 1 / s.thumb_sd**2
         self.length_m = length
         arm = 15 + len(self.palm)
         joints = [(3 * digit + bone, 0.0, 0) for digit in range(5) for bone in range(3)]
         for digit in range(5):
             joints.insert(4 * digit + 3, (3 * digit + 2, 1.0, 1))
         self._places = np.array([(arm, 0.0, 0), *joints, (16, 0.5, 0), (arm, 1.0, 0)])
-        self._ways = [np.vstack([np.zeros((1, 5)), _ways(model, digit)]) for digit in range(5)]
+        self.ways = [np.vstack([np.zeros((1, 5)), _ways(model, digit)]) for digit in range(5)]
         self.forearm_m = _FOREARM_OF_HAND * length
 
     def state(self) -> Float64:
@@ -259,8 +263,14 @@ class ArmModel:
         v[10:] = 1.0
         return v
 
-    def unexpected(self, pose: ArmPose) -> Expected:
-        """Return the prior of a new arm: average sizes, straight wrist, no prediction but the upper arm's direction."""
+    def unexpected(self, pose: ArmPose, *, usual: bool = False) -> Expected:
+        """Return the prior of a new arm: average sizes, straight wrist, no prediction but the upper arm's direction.
+
+        Args:
+            pose: its upper arm's direction is kept.
+            usual: the thumb's length is as near the usual one as a finger's; for fits from poor starts, in which a
+                short thumb would make up for a wrong posture.
+        """
         s = self.settings
         v = self.state()
         v[7:10] = pose.v[7:10]
@@ -269,6 +279,8 @@ class ArmModel:
         information[4:6] = 1 / np.sin(np.radians([s.deviation_sd_deg, s.flexion_sd_deg])) ** 2
         information[7:10] = 0.2
         information[10:] = self.sizes[10:]
+        if usual:
+            information[10] = information[11]
         return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
 
     def rigid(self, pose: ArmPose, sd: float) -> Expected:
@@ -334,7 +346,7 @@ class ArmModel:
         """Try a table of postures of one digit (0: thumb); return how much the best lowers the cost, and its pose."""
         columns = self.columns[digit]
         free = columns >= 0
-        tries = self._ways[digit].copy()
+        tries = self.ways[digit].copy()
         tries[0, free] = pose.z[columns[free]]
         costs = np.empty(len(tries))
         parameters = self._parameters(pose, evidence, max(float(evidence.weights.sum()), 1.0))
