@@ -76,7 +76,7 @@ def test_who_walked_on_while_the_cameras_were_covered_is_found(monkeypatch: pyte
     assert not lost[-1]
     assert f"frame {UNCOVERED + EVERY}: the body is there again, {LAST}" in notes
     monkeypatch.setattr(SilhouetteCamera, "foreground", lambda *_: None)
-    monkeypatch.setattr(SilhouetteCamera, "stands_out", lambda _: float("nan"))
+    monkeypatch.setattr(SilhouetteCamera, "stands_out", lambda *_: float("nan"))
     off_m, _, lost = followed()
     assert off_m > 0.5, "the body stayed where it was seen last"
     assert not lost[-1], "and nobody was told"
@@ -174,11 +174,32 @@ def test_a_region_stands_out_that_is_not_the_room() -> None:
         assert camera.look(body, pictures.posed(MESH, there), s)
         prior = camera._expected()
         camera._found, camera._image = (prior, np.ones(prior.phi.shape, np.float32)), images["c1"]
-        assert camera.stands_out() == pytest.approx(share, abs=0.25)
+        assert camera.stands_out(None) == pytest.approx(share, abs=0.25)
     unknown = SilhouetteCamera(eye(RIG.cameras["c1"]), 1, s)
     unknown._found, unknown._image = camera._found, images["c1"]
-    assert np.isnan(unknown.stands_out())
+    assert np.isnan(unknown.stands_out(None))
     assert isinstance(prior, Silhouette)
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_other_people_do_not_make_a_body_stand_out(here: bool) -> None:
+    """Somebody else covers the upper half of a body; of one who is all behind others nothing is known."""
+    there = pictures.pose_at(MESH, 0.6)
+    images = pictures.Room(RIG).images(MESH, there)["c1"]
+    camera = camera_of("c1", HERE)
+    assert camera.look(pictures.figure(MESH), pictures.posed(MESH, there), SilhouetteSettings())
+    prior = camera._expected()
+    mask = prior.mask((images.shape[1], images.shape[0]))
+    others = np.zeros_like(mask)
+    rows = np.flatnonzero(mask.any(axis=1))
+    others[: rows[len(rows) // 2]] = True
+    room = pictures.Room(RIG).images()["c1"]
+    shown = np.where((others | here)[..., None], images, room)
+    camera._found, camera._image = (prior, np.ones(prior.phi.shape, np.float32)), shown
+    assert camera.stands_out(others) == pytest.approx(1.0 if here else 0.0, abs=0.25)
+    if not here:
+        assert camera.stands_out(None) > 0.3, "the fault that the test must show"
+    assert np.isnan(camera.stands_out(np.ones_like(mask)))
 
 
 def present(stands_out: float, fitted: TreePose, until_ms: int = 300) -> tuple[list[str], TreePose]:

@@ -269,9 +269,9 @@ class BodyFitter:
         supported = self._support.supported(stands.landmarks, [*evidence.values()])
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, one in evidence.items():
-            camera = self._cameras[name]
-            seen[name] = msgspec.structs.replace(camera.seen(), shown=one.shown, stands_out=camera.stands_out())
-            camera.learn(images[name], people.get(name))
+            camera, taken = self._cameras[name], people.get(name)
+            seen[name] = msgspec.structs.replace(camera.seen(), shown=one.shown, stands_out=camera.stands_out(taken))
+            camera.learn(images[name], taken)
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
             last_ns, last = self._past[-1]
@@ -322,9 +322,10 @@ class BodyFitter:
                 if camera.segmented:
                     given.append(camera.planes(moved))
             held = steady
-            if len(given) > 1 and s.steadiness is not None:
-                held = beside_surface
-                given.append(self._surface.steady(stands, moved))
+            if given and s.steadiness is not None:
+                alone = len(given) == 1
+                held = steady if alone else beside_surface
+                given.append(self._surface.steady(stands, moved, held_alone=alone))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # An unseen part keeps its predicted motion; it is not drawn to its usual pose.
             local_priors = [local.into_prior(one) for one in held] + (
