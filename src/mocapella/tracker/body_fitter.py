@@ -267,6 +267,9 @@ class BodyFitter:
         stands, seen = self.body.standing(pose), {}
         evidence = self._evidence(stands)
         supported = self._support.supported(stands.landmarks, [*evidence.values()])
+        self._stillness.witness(
+            {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
+        )
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, one in evidence.items():
             camera, taken = self._cameras[name], people.get(name)

@@ -90,17 +90,32 @@ class LimbSupport:
             landmarks: (n, 3) in the world [m].
             evidence: that of each camera that sees the body.
         """
-        length = np.zeros(len(landmarks))
-        for one in evidence:
-            points, part, metres = one.outline.points, one.outline.part, one.lengths_m
-            sure = np.where(one.nats >= self._least_nats, metres, 0.0)
-            for k, parts in enumerate(self._parts):
-                if parts:
-                    near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
-                    shown = sure[near].sum()
-                    length[k] += shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
+        length = sum((self._shown_m(landmarks, one) for one in evidence), np.zeros(len(landmarks)))
         judged = np.array([bool(parts) for parts in self._parts], np.bool_)
         return ~judged | (length >= LEAST_M)
+
+    def shown_parts(self, landmarks: Float64, evidence: OutlineEvidence) -> Bool:
+        """Return whether one image shows each part (parts,), by `LEAST_M` of outline about one of its landmarks.
+
+        Args:
+            landmarks: (n, 3) in the world [m].
+            evidence: that of the image's camera.
+        """
+        shown = np.zeros(self._count, np.bool_)
+        shown[self._part[self._shown_m(landmarks, evidence) >= LEAST_M]] = True
+        return shown
+
+    def _shown_m(self, landmarks: Float64, evidence: OutlineEvidence) -> Float64:
+        """Return the length (n,) of outline with evidence near each landmark in one image, if that counts, else 0."""
+        points, part, metres = evidence.outline.points, evidence.outline.part, evidence.lengths_m
+        sure = np.where(evidence.nats >= self._least_nats, metres, 0.0)
+        length = np.zeros(len(landmarks))
+        for k, parts in enumerate(self._parts):
+            if parts:
+                near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
+                shown = sure[near].sum()
+                length[k] = shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
+        return length
 
     def hidden_parts(self, supported: Bool) -> Bool:
         """Return the parts (parts,) none of whose landmarks is ``supported`` (n,); False for parts without any."""
