@@ -27,7 +27,7 @@ NEAR_M: Final = 0.2
 """Largest distance of a landmark's evidence from it, along its limb [m]."""
 LEAST_M: Final = 0.12
 """Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
-LEAST_SHARE: Final = 0.5
+LEAST_SHARE: Final = 0.6
 """A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
 LEAST_NATS: Final = 1.0
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
@@ -67,6 +67,9 @@ class LimbSupport:
     Args:
         mesh: the body's mesh; landmarks that are on no limb, such as hips and shoulders, are not judged.
         least_nats: least evidence of a point of the outline [nats].
+
+    Attributes:
+        parts: for each landmark, the parts whose outline counts for it; empty for landmarks that are not judged.
     """
 
     def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
@@ -79,7 +82,7 @@ class LimbSupport:
             if len(parts) > 1 and not np.isin(parents[np.setdiff1d(np.arange(len(parents)), parts)], parts).any()
         ]
         of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
-        self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
+        self.parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
         self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
         self._count = len(parents)
 
@@ -91,7 +94,7 @@ class LimbSupport:
             evidence: that of each camera that sees the body.
         """
         length = sum((self._shown_m(landmarks, one) for one in evidence), np.zeros(len(landmarks)))
-        judged = np.array([bool(parts) for parts in self._parts], np.bool_)
+        judged = np.array([bool(parts) for parts in self.parts], np.bool_)
         return ~judged | (length >= LEAST_M)
 
     def shown_parts(self, landmarks: Float64, evidence: OutlineEvidence) -> Bool:
@@ -110,7 +113,7 @@ class LimbSupport:
         points, part, metres = evidence.outline.points, evidence.outline.part, evidence.lengths_m
         sure = np.where(evidence.nats >= self._least_nats, metres, 0.0)
         length = np.zeros(len(landmarks))
-        for k, parts in enumerate(self._parts):
+        for k, parts in enumerate(self.parts):
             if parts:
                 near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
                 shown = sure[near].sum()
