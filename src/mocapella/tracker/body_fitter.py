@@ -266,10 +266,7 @@ class BodyFitter:
         pose = self._with_limbs_found(usable, others, pose, expected, time_ns, held=held)
         stands, seen = self.body.standing(pose), {}
         evidence = self._evidence(stands)
-        supported = self._support.supported(stands.landmarks, [*evidence.values()])
-        self._stillness.witness(
-            {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
-        )
+        supported = self._supported(stands, evidence)
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, one in evidence.items():
             camera, taken = self._cameras[name], people.get(name)
@@ -387,6 +384,13 @@ class BodyFitter:
         held = HeldPoints(points, self.body.standing(started).vertices[self.body.skin])
         priors = self._priors(started, self._past[-1][0], held)
         return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
+
+    def _supported(self, stands: Standing, evidence: Mapping[str, OutlineEvidence]) -> Bool:
+        """Return whether images support each landmark (n,); remember which of them show which parts."""
+        self._stillness.witness(
+            {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
+        )
+        return self._support.supported(stands.landmarks, [*evidence.values()])
 
     def _evidence(self, stands: Standing) -> dict[str, OutlineEvidence]:
         """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands."""

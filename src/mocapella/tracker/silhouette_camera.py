@@ -379,10 +379,7 @@ class SilhouetteCamera:
         return EVERY * self.step_px
 
     def _scores(self, image: UInt8) -> Float32:
-        """Return the foreground scores (rows, columns) of a whole image, see `BackgroundMemory.strange`.
-
-        They are computed once a frame. The background must not be None, nor change meanwhile.
-        """
+        """Return an image's foreground scores (rows, columns), of `BackgroundMemory.strange`, computed once a frame."""
         assert self.background is not None
         if self._scored is None or self._scored[0] is not image:
             (height, width), step = image.shape[:2], self.step_px
