@@ -181,9 +181,7 @@ def follow_seated(
         overlaps += [seen.overlap for seen in fit.seen.values()]
         left_out += len(fit.left_out)
     overlap = float(np.mean(overlaps)) if overlaps else float("nan")
-    return SeatedRun(
-        tuple(mesh.landmarks), np.array(errors), np.array(supported), np.array(visible), overlap, left_out
-    )
+    return SeatedRun(tuple(mesh.landmarks), np.array(errors), np.array(supported), np.array(visible), overlap, left_out)
 
 
 def visible_share(scene: SilhouetteScene, k: int) -> Float64:
