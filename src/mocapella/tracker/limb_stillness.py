@@ -29,6 +29,8 @@ MOVES: Final = 0.05
 """A part may move if a larger share of its points in one image may."""
 WATCHED: Final = 0.5
 """Least share of a part's points within one image at least; of other parts nothing is known."""
+FEWEST_IMAGES: Final = 4
+"""Least number of images of a frame for `WITNESSES`: of three, a motion along two lines of sight shows in one alone."""
 MOVES_WHOLE: Final = 0.25
 """A part that an image shows clearly moves there only if a larger share of its points may: other things reach beside
 parts of it."""
@@ -156,7 +158,7 @@ class LimbStillness:
             if name in self._witnesses:
                 self._witnesses[name] = self._witnesses[name] & (share <= MOVES_WHOLE) & (seen >= WATCHED * counts)
                 quiet += self._witnesses[name]
-        still |= known & (quiet >= WITNESSES)
+        still |= known & (quiet >= WITNESSES) & (images >= FEWEST_IMAGES)
         still &= watched & (self._settling == 0)
         skin = stands.vertices[self._body.skin]
         moved = np.linalg.norm(skin - self._last, axis=1) > SETTLED_M

@@ -27,7 +27,7 @@ NEAR_M: Final = 0.2
 """Largest distance of a landmark's evidence from it, along its limb [m]."""
 LEAST_M: Final = 0.12
 """Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
-LEAST_SHARE: Final = 0.6
+LEAST_SHARE: Final = 0.5
 """A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
 LEAST_NATS: Final = 1.0
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
