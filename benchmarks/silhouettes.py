@@ -179,6 +179,11 @@ def seated(quick: bool) -> Iterator[Row]:
             yield measured(
                 f"{of}, off by 100 mm without doubt", 100 * max(s.unsaid for s in scores), "%", goal=at_most(0)
             )
+            yield measured(f"{of}, shown by no image", 100 * float(np.mean([s.hidden for s in scores])), "%")
+            yield measured(
+                f"{of}, of these without doubt", 100 * max(s.hidden_unsaid for s in scores), "%", goal=at_most(0)
+            )
+            yield measured(f"{of}, of the others doubted", 100 * float(np.mean([s.shown_doubted for s in scores])), "%")
         overlap = 100 * float(np.mean([one.overlap for one in runs]))
         yield measured(f"silhouettes: seated, {name}, overlap with its own segmentation", overlap, "%")
 

@@ -12,10 +12,13 @@ import pytest
 from support.programs import Program, result_here, run_here, wait_until
 from support.silhouette_pictures import Room, pose_at, ring, somebody, write_folders, write_video
 
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
 from mocapella.model.body_meshes import legs_mesh
 from mocapella.model.camera_rig_file import save_camera_rig
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.rigged_mesh_file import save_rigged_mesh
+from mocapella.recording.take_reader import read_take
 
 MESH, RIG, FRAMES, HZ = somebody(), ring(3), 6, 30
 POSES = [pose_at(MESH, 0.01 * k, 0.4 + 0.04 * k) for k in range(FRAMES)]
@@ -160,6 +163,32 @@ def test_starts_that_cannot_be_are_one_line(folder):
     assert "the body would start at (50.00" in said
     assert "outside of all images" in said
     assert "field left hip: [1, 2]: is no place" in failed(folder, *start("odd.json", {**JOINTS, "left hip": [1, 2]}))
+
+
+@pytest.mark.slow
+def test_later_keypoints_are_kept_in_a_take_and_change_nothing_of_a_body_that_is_not_lost(folder):
+    rows, rate_hz = ["frame,camera,point,x_px,y_px"], 10
+    for k, pose in enumerate(POSES):
+        joints = dict(zip(MESH.landmarks, landmarks_at(MESH, pose), strict=True))
+        for camera, placed in RIG.cameras.items():
+            at = project(apply(placed.T_camera_world, np.array([joints[name] for name in JOINTS])), placed.camera.lens)
+            rows += [f"{k},{camera},{name},{x},{y}" for name, (x, y) in zip(JOINTS, at, strict=True)]
+    given = ("--rig", "rig.toml", "--fps", str(rate_hz), "--set", "height=1.75")
+    for name, some in (("all", rows), ("first", rows[: 1 + len(rows) // FRAMES])):
+        (folder / f"{name}.csv").write_text("\n".join(some))
+        done = run_here(
+            folder, "track", "silhouettes", *FOLDERS, *given, "--set", f"points={name}.csv", "--json", f"{name}.json",
+            "--record", f"./{name}",
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    whole, first = (json.loads((folder / f"{name}.json").read_text())["frames"] for name in ("all", "first"))
+    assert whole == first
+    later = {
+        name: read_take(folder / f"{name}.mcap").info.method_settings["bodies"][0].get("later", ())
+        for name in ("all", "first")
+    }
+    assert [one["at_s"] for one in later["all"]] == pytest.approx([k / rate_hz for k in range(1, FRAMES)])
+    assert not later["first"]
 
 
 def test_a_mesh_whose_weights_do_not_match_its_joints_is_named(folder):

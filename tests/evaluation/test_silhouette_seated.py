@@ -4,14 +4,23 @@ import numpy as np
 import pytest
 
 from mocapella.errors import SettingsError
-from mocapella.evaluation.silhouette_seated import FAR_M, SEATED_SCENES, SeatedRun, follow_seated
+from mocapella.evaluation.silhouette_seated import (
+    FAR_M,
+    HIDDEN,
+    SEATED_SCENES,
+    SeatedRun,
+    follow_seated,
+    visible_share,
+)
 from mocapella.sources.simulate.later_things import SURROUNDINGS
+from mocapella.sources.simulate.silhouette_scene import SEATED, silhouette_scene
 
 MARKS = ("left knee", "right knee", "left ankle")
 
 
-def run(errors_m, supported):
-    return SeatedRun(MARKS, np.array(errors_m), np.array(supported), 0.9, 0)
+def run(errors_m, supported, visible=1.0):
+    errors = np.array(errors_m)
+    return SeatedRun(MARKS, errors, np.array(supported), np.broadcast_to(visible, errors.shape), 0.9, 0)
 
 
 def test_a_score_is_of_the_joints_of_its_kind_alone():
@@ -26,6 +35,28 @@ def test_large_errors_are_unsaid_unless_they_are_doubted():
     one = run([[far, far, 0.0]] * 4, [[True, False, True]] * 4)
     assert one.score("knee").unsaid == 0.5
     assert run([[far, 0.9 * FAR_M, 0.0]], [[False, True, True]]).score("knee").unsaid == 0.0
+
+
+def test_joints_that_no_image_shows_must_be_doubted():
+    knees = run([[0.0] * 3] * 2, [[False, True, True], [True, False, True]], [[0.0, 0.0, 0.0], [0.5, 0.5, 0.0]])
+    found = knees.score("knee")
+    assert (found.hidden, found.hidden_unsaid, found.shown_doubted) == (0.5, 0.5, 0.5)
+    assert knees.score("ankle").hidden_unsaid == 1.0
+    shown = run([[0.0] * 3], [[True] * 3]).score("knee")
+    assert (shown.hidden, shown.hidden_unsaid, shown.shown_doubted) == (0.0, 0.0, 0.0)
+
+
+def test_what_a_screen_hides_is_not_visible():
+    scenes = {
+        name: silhouette_scene(SEATED, seed=110, size_px=(322, 243), seconds=0.1, surroundings=name)
+        for name in ("chair", "screen", "table")
+    }
+    shown = {name: dict(zip(one.mesh.landmarks, visible_share(one, 0), strict=True)) for name, one in scenes.items()}
+    for side in ("left", "right"):
+        assert shown["screen"][f"{side} ankle"] < HIDDEN < 0.1 < shown["screen"][f"{side} knee"]
+        assert shown["table"][f"{side} ankle"] < HIDDEN
+        assert 0.3 < shown["chair"][f"{side} ankle"] <= 1.0
+    assert all(one["nose"] == 1.0 for one in shown.values()), "which is on no limb"
 
 
 def test_joints_and_scenes_that_do_not_exist_are_refused():

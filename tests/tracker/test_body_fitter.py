@@ -525,6 +525,25 @@ def test_legs_that_no_image_shows_stay_where_they_are_and_are_doubted(surroundin
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("held", [True, False])
+def test_legs_that_the_only_camera_does_not_show_stay_where_they_are(held, monkeypatch):
+    if not held:  # the fault that the test must show
+        monkeypatch.setattr(SurfacePrior, "hold", lambda *_: None)
+    scene = silhouette_scene("sits", seed=3, size_px=(322, 243), fps=25, seconds=0.3, surroundings="table")
+    names, marks = list(scene.rig.cameras), list(scene.mesh.landmarks)
+    legs = [k for k, name in enumerate(marks) if name.endswith(("knee", "ankle"))]
+    tracker = BodyFitter(scene.mesh, scene.rig)
+    tracker.start(scene.pose(0), -40_000_000, there=True)
+    tracker.learn_background(dict(zip(names, scene.background(), strict=True)))
+    worst = 0.0
+    for k in range(len(scene)):
+        found = tracker.update({names[1]: scene.images(k)[1]}, k * 40_000_000)
+        assert not found.supported[legs].any() or not held
+        worst = max(worst, np.linalg.norm(found.landmarks - scene.landmarks(k), axis=1)[legs].max())
+    assert worst < 0.02 if held else worst > 0.2
+
+
+@pytest.mark.slow
 def test_legs_are_not_fitted_to_a_chair_that_came_after_the_room_was_learnt():
     assert _seated_error_m(there=True) < 0.05
     assert _seated_error_m(there=False) > 0.1, "the fault that the test must show"

@@ -1,10 +1,11 @@
 """Which parts of a body are still, by what changes about them in the images."""
 
 import numpy as np
+import pytest
 from support.silhouette_room import Room, bent
 
 from mocapella.kinematics.silhouette_fit import eye, seen_at
-from mocapella.tracker.limb_stillness import SETTLED_M, SETTLING, ChangedImage, LimbStillness
+from mocapella.tracker.limb_stillness import SETTLED_M, SETTLING, WITNESSES, ChangedImage, LimbStillness
 from mocapella.tracker.silhouette_body import SilhouetteBody
 
 ROOM = Room()
@@ -15,12 +16,12 @@ POSE = bent(ROOM.mesh, {})
 STEP = 2
 
 
-def changes(about=None):
-    """Images in which nothing changes, but about a part in the first of them."""
+def changes(about=None, images=1):
+    """Images in which nothing changes, but about a part in the first of them, or in as many."""
     found = {}
     for k, by in enumerate(EYES):
         density = np.zeros((by.size_px[1] // STEP, by.size_px[0] // STEP), np.float32)
-        if about is not None and k == 0:
+        if about is not None and k < images:
             at = seen_at(BODY.standing(POSE).vertices[BODY.figure.part == PARTS.index(about)], by)
             column, row = (at / STEP).astype(int).T
             density[row, column] = 0.5
@@ -109,6 +110,36 @@ def test_parts_are_as_at_a_certain_start_until_they_go_from_there():
     assert not stillness.as_started.any(), "nothing is still"
     stillness.update(far, changes(), len(EYES))
     assert not stillness.as_started.any()
+
+
+@pytest.mark.parametrize("quiet", range(4))
+def test_a_part_that_two_cameras_show_unchanged_is_still_and_other_images_do_not_count(quiet):
+    foot = PARTS.index("left foot")
+    stillness = begun()
+    stillness.witness({str(k): np.ones(len(PARTS), np.bool_) for k in range(len(EYES))})
+    for _ in range(2):
+        held = stillness.update(BODY.standing(POSE), changes("left foot", len(EYES) - quiet), len(EYES))
+        assert stillness.still[foot] == (quiet >= WITNESSES)
+        assert held.points[BODY.figure.part[BODY.skin] == foot].all() == (quiet >= WITNESSES)
+        assert not stillness.update(BODY.standing(POSE), changes(), len(EYES) + 1).points.any()
+
+
+def test_a_camera_is_a_witness_until_its_image_changes_about_the_part_and_again_when_it_shows_it():
+    foot, every = PARTS.index("left foot"), np.ones(len(PARTS), np.bool_)
+    stillness = begun()
+
+    def is_still(images):
+        stillness.update(BODY.standing(POSE), changes("left foot", images), len(EYES))
+        return stillness.still[foot]
+
+    stillness.witness({"2": every, "3": every})
+    assert is_still(2)
+    stillness.witness({"2": ~every})
+    assert is_still(2), "nothing changed there, so it shows what it showed"
+    assert not is_still(3)
+    assert not is_still(2), "of the third camera nothing is known any more"
+    stillness.witness({"2": every})
+    assert is_still(2)
 
 
 def test_it_goes_on_from_its_memory():

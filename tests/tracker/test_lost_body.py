@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from mocapella.tracker.body_presence import (
     APART_RAD,
     DOUBTED,
     EARLIER,
+    KEYPOINTS,
     LAST,
     POSTURES,
     SilhouettePresence,
@@ -31,7 +32,7 @@ from mocapella.tracker.body_presence import (
 from mocapella.tracker.body_reacquisition import reacquire
 from mocapella.tracker.frame_sync import FrameSyncSettings
 from mocapella.tracker.image_arrivals import arrivals_of
-from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.initial_body import InitialBody, LaterJoints
 from mocapella.tracker.silhouette_body import SilhouetteBody
 from mocapella.tracker.silhouette_camera import SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -50,9 +51,9 @@ def walks(k: int) -> TreePose:
     return bent(ROOM.mesh, angles, (-0.6 + 1.2 * min(k / 60, 1.0), 0.0, 0.0))
 
 
-def followed() -> tuple[float, list[str], list[bool]]:
+def followed(later: Sequence[LaterJoints] = ()) -> tuple[float, list[str], list[bool]]:
     """Median error of the landmarks at the end [m], the notes, and whether it was lost; cameras are covered midway."""
-    start = InitialBody(ROOM.mesh, walks(0))
+    start = InitialBody(ROOM.mesh, walks(0), later=later)
     tracker = SilhouettesTracker({"": start}, ROOM.rig, sync=FrameSyncSettings(period_s=EVERY / 60))
     lost = []
     for k in range(0, END, EVERY):
@@ -76,10 +77,24 @@ def test_who_walked_on_while_the_cameras_were_covered_is_found(monkeypatch: pyte
     assert not lost[-1]
     assert f"frame {UNCOVERED + EVERY}: the body is there again, {LAST}" in notes
     monkeypatch.setattr(SilhouetteCamera, "foreground", lambda *_: None)
-    monkeypatch.setattr(SilhouetteCamera, "stands_out", lambda _: float("nan"))
+    monkeypatch.setattr(SilhouetteCamera, "stands_out", lambda *_: float("nan"))
     off_m, _, lost = followed()
     assert off_m > 0.5, "the body stayed where it was seen last"
     assert not lost[-1], "and nobody was told"
+
+
+@pytest.mark.slow
+def test_who_walked_on_before_an_unknown_room_is_found_by_keypoints(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SilhouetteCamera, "foreground", lambda *_: None)
+    later = [
+        LaterJoints(k / 60, dict(zip(ROOM.mesh.landmarks, landmarks_at(ROOM.mesh, walks(k)), strict=True)))
+        for k in range(EVERY, END, EVERY)
+    ]
+    off_m, notes, lost = followed(later)
+    assert off_m < 0.01
+    assert any(lost)
+    assert not lost[-1]
+    assert f"frame {UNCOVERED}: the body is there again, {KEYPOINTS}" in notes
 
 
 def camera_of(name: str, pose: TreePose) -> SilhouetteCamera:
@@ -174,14 +189,37 @@ def test_a_region_stands_out_that_is_not_the_room() -> None:
         assert camera.look(body, pictures.posed(MESH, there), s)
         prior = camera._expected()
         camera._found, camera._image = (prior, np.ones(prior.phi.shape, np.float32)), images["c1"]
-        assert camera.stands_out() == pytest.approx(share, abs=0.25)
+        assert camera.stands_out(None) == pytest.approx(share, abs=0.25)
     unknown = SilhouetteCamera(eye(RIG.cameras["c1"]), 1, s)
     unknown._found, unknown._image = camera._found, images["c1"]
-    assert np.isnan(unknown.stands_out())
+    assert np.isnan(unknown.stands_out(None))
     assert isinstance(prior, Silhouette)
 
 
-def present(stands_out: float, fitted: TreePose, until_ms: int = 300) -> tuple[list[str], TreePose]:
+@pytest.mark.parametrize("here", [True, False])
+def test_other_people_do_not_make_a_body_stand_out(here: bool) -> None:
+    """Somebody else covers the upper half of a body; of one who is all behind others nothing is known."""
+    there = pictures.pose_at(MESH, 0.6)
+    images = pictures.Room(RIG).images(MESH, there)["c1"]
+    camera = camera_of("c1", HERE)
+    assert camera.look(pictures.figure(MESH), pictures.posed(MESH, there), SilhouetteSettings())
+    prior = camera._expected()
+    mask = prior.mask((images.shape[1], images.shape[0]))
+    others = np.zeros_like(mask)
+    rows = np.flatnonzero(mask.any(axis=1))
+    others[: rows[len(rows) // 2]] = True
+    room = pictures.Room(RIG).images()["c1"]
+    shown = np.where((others | here)[..., None], images, room)
+    camera._found, camera._image = (prior, np.ones(prior.phi.shape, np.float32)), shown
+    assert camera.stands_out(others) == pytest.approx(1.0 if here else 0.0, abs=0.25)
+    if not here:
+        assert camera.stands_out(None) > 0.3, "the fault that the test must show"
+    assert np.isnan(camera.stands_out(np.ones_like(mask)))
+
+
+def present(
+    stands_out: float, fitted: TreePose, until_ms: int = 300, joints: Mapping[str, Any] | None = None
+) -> tuple[list[str], TreePose]:
     """Notes about a body that is fitted in all cameras while the person is `HERE`, and where it is expected next."""
     room, fitters = pictures.Room(RIG), BodiesFitter({"": MESH}, RIG)
     fitters.start("", fitted, 0)
@@ -197,7 +235,7 @@ def present(stands_out: float, fitted: TreePose, until_ms: int = 300) -> tuple[l
         seen[name] = SeenIn(outline.silhouette, outline, 1.0, stands_out=stands_out)
     for at_ms in range(100, until_ms + 1, 100):
         fit = FittedBody(at_ms * 1_000_000, fitted, landmarks_at(MESH, fitted), seen, {})
-        notes += presence.update(at_ms // 100, {"": fit}, person)[1]
+        notes += presence.update(at_ms // 100, {"": fit}, person, {"": joints or {}})[1]
     return notes, fitters.fitters[""].expected(10**9)
 
 
@@ -214,6 +252,27 @@ def test_a_body_that_looks_like_the_room_is_searched_and_one_that_stands_out_is_
         notes, pose = present(stands_out, beside)
         assert not notes
         assert off_m(pose) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("aside_m", "moves"), [(0.0, False), (0.1, False), (0.3, True)])
+def test_a_doubted_body_goes_to_its_keypoints_only_where_they_are_elsewhere(aside_m: float, moves: bool) -> None:
+    joints = dict(zip(MESH.landmarks, landmarks_at(MESH, HERE), strict=True))
+    notes, pose = present(0.9 * DOUBTED, pictures.pose_at(MESH, aside_m), joints=joints)
+    assert any(f"did not stand out from the room: {KEYPOINTS}" in note for note in notes) == moves
+    assert off_m(pose) == pytest.approx(0.0 if moves else aside_m, abs=0.02)
+
+
+@pytest.mark.parametrize("joints", [{"neck": np.zeros(3)}, {name: np.zeros(3) for name in MESH.landmarks}])
+def test_joints_of_nobody_are_no_place(joints: dict[str, Any]) -> None:
+    notes, _ = present(0.9 * DOUBTED, pictures.pose_at(MESH, 0.3), joints=joints)
+    assert any(LAST in note for note in notes)
+
+
+def test_a_body_that_stands_out_stays_whatever_its_keypoints_say() -> None:
+    joints = dict(zip(MESH.landmarks, landmarks_at(MESH, pictures.pose_at(MESH, 0.6)), strict=True))
+    notes, pose = present(1.1 * DOUBTED, HERE, joints=joints)
+    assert not notes
+    assert off_m(pose) == 0.0
 
 
 def test_a_body_that_looks_like_the_room_stays_where_it_covers_the_person() -> None:

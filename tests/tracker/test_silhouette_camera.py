@@ -7,15 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.silhouette_room import Room, bent, ring
 
 from mocapella.kinematics.limb_search import Evidence
 from mocapella.kinematics.silhouette_fit import eye, figure, seen_at
 from mocapella.model.rigged_mesh import landmarks_at, posed
-from mocapella.sensing.background_memory import MemorySettings
+from mocapella.model.silhouettes import Silhouette
+from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings
 from mocapella.tracker import silhouette_camera
-from mocapella.tracker.silhouette_camera import Ball, SilhouetteCamera
+from mocapella.tracker.body_fitter import BodyFitter
+from mocapella.tracker.silhouette_camera import EVERY, Ball, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 ROOM = Room(rig=ring(1, size=(160, 120), focal=150.0))
@@ -111,3 +115,62 @@ def test_evidence_of_a_rough_pose_reaches_twice_as_far() -> None:
     assert usual == SilhouetteSettings().margin_steps * STEP_PX
     soft = SilhouetteSettings().correspondences.soft_steps
     assert camera._wide_correspondences.soft_steps == 2 * soft
+
+
+@given(
+    st.tuples(st.integers(-40, 90), st.integers(-40, 70)),
+    st.tuples(st.integers(1, 60), st.integers(1, 60)),
+    st.integers(0, 2**16),
+)
+def test_a_silhouette_covers_the_scored_samples_of_its_mask(
+    at: tuple[int, int], shape: tuple[int, int], seed: int
+) -> None:
+    phi = np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+    silhouette = Silhouette((at[0] * STEP_PX, at[1] * STEP_PX), STEP_PX, phi)
+    wide, high = EYE.size_px
+    grid = STEP_PX * EVERY
+    mask = silhouette.mask((wide, high))[::grid, ::grid]
+    camera = SilhouetteCamera(EYE, STEP_PX, SilhouetteSettings())
+    assert np.array_equal(camera._scored_in(silhouette, mask.shape), mask)
+
+
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 2, st.floats(0.05, 1.0)))
+def test_evidence_of_limbs_is_the_score_of_its_part_of_the_image(ball: tuple[float, float, float]) -> None:
+    camera = learnt()
+    assert camera.look(figure(ROOM.mesh), posed(ROOM.mesh, POSE), SilhouetteSettings())
+    found = camera.evidence(IMAGE, None, [Ball(np.array([*ball[:2], 0.0]), ball[2])])
+    rows, columns = found.strange.shape
+    assert rows > 0 < columns
+    window = Silhouette(found.origin_px, STEP_PX, np.zeros((rows * EVERY, columns * EVERY), np.float32))
+    assert camera.background is not None
+    assert np.array_equal(found.strange, camera.background.strange(IMAGE, window, EVERY))
+
+
+def learnt() -> SilhouetteCamera:
+    """A camera that knows its empty room."""
+    camera = SilhouetteCamera(EYE, STEP_PX, SilhouetteSettings())
+    assert camera.background is not None
+    for _ in range(2):
+        camera.background.update(ROOM.walls()[NAME], None)
+    return camera
+
+
+def test_foreground_is_scored_once_a_frame_and_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+    scored: list[int] = []
+    score = BackgroundMemory.strange
+
+    def noted(self: BackgroundMemory, *args: Any) -> Any:
+        scored.append(id(self))
+        return score(self, *args)
+
+    room = Room(rig=ring(2, size=(160, 120), focal=150.0))
+    fitter = BodyFitter(room.mesh, room.rig)
+    fitter.start(POSE, 0)
+    fitter.learn_background(room.walls())
+    monkeypatch.setattr(BackgroundMemory, "strange", noted)
+    for k in range(1, 4):
+        scored.clear()
+        # Limbs are searched, too: they are where the images show the room.
+        fitter.update(room.walls() if k == 2 else room.images(POSE), k * 10**9 // 60)
+        assert sorted(scored) == sorted(set(scored))
+        assert len(scored) == 2

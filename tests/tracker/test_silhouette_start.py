@@ -5,6 +5,8 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.silhouette_pictures import pose_at, ring, somebody
 
 from mocapella.errors import CalibrationError, InputError, SettingsError
@@ -14,14 +16,17 @@ from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.point_tracks import ImageTracks
 from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.tracker.initial_body import LaterJoints
 from mocapella.tracker.silhouette_start import (
     APART_M,
+    LATER_EVERY_S,
     NEEDED,
     body_of,
     cameras_that_see,
     check_apart,
     check_joints,
     joints_of_points,
+    later_joints,
     start_pose,
 )
 
@@ -46,6 +51,35 @@ def test_joints_of_points_are_where_they_were():
         assert len(found) == len(names)
         for name, at in found.items():
             np.testing.assert_allclose(at, JOINTS[name], atol=1e-3)
+
+
+@pytest.mark.parametrize("first", [0, 2])
+def test_later_joints_are_of_their_frames(first):
+    """Their numbers tell the time, frames without any point are left out, and of near ones all but the first."""
+    one = keypoints()
+    numbers = np.array([3, 4, 5, 6, 7, 20, 30])
+    count = len(numbers)
+    pixels = np.repeat(one.pixels, count, axis=0)
+    pixels[5] = np.nan
+    shape = (count, *one.confidences.shape[1:])
+    tracks = ImageTracks(one.cameras, one.points, numbers, np.zeros(shape[:2]), pixels, np.ones(shape))
+    found = later_joints(tracks, RIG, first, 1.5 / LATER_EVERY_S)
+    kept = {0: [5, 7, 30], 2: [7, 30]}[first]
+    assert [each.at_s for each in found] == pytest.approx([(k - numbers[first]) * LATER_EVERY_S / 1.5 for k in kept])
+    for each in found:
+        assert set(each.joints) == set(joints_of_points(one, RIG))
+        for name, at in each.joints.items():
+            np.testing.assert_allclose(at, JOINTS[name], atol=1e-3)
+    assert later_joints(one, RIG, 0, 50.0) == []
+
+
+@given(st.lists(st.floats(0.0, 9.0), max_size=5), st.floats(0.0, 9.0), st.floats(0.0, 1.0))
+def test_joints_that_are_known_at_a_time_are_of_the_nearest_instant(times, at_s, within_s):
+    later = [LaterJoints(one, {"neck": np.full(3, one)}) for one in times]
+    found = body_of("male", 1.75, {}).starting(POSE, later).known_at(at_s, within_s)
+    near = [one for one in times if abs(one - at_s) <= within_s]
+    assert bool(found) == bool(near)
+    assert not near or abs(found["neck"][0] - at_s) == min(abs(one - at_s) for one in near)
 
 
 def test_openposes_neck_is_not_the_bodys_joint_of_that_name():

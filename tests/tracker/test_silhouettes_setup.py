@@ -17,6 +17,7 @@ from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.rigged_mesh_file import decode_rigged_mesh, load_rigged_mesh, save_rigged_mesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.initial_body import LaterJoints
 from mocapella.tracker.silhouette_start import Body, body_again
 from mocapella.tracker.silhouettes import SilhouettesTracker
 from mocapella.tracker.silhouettes_setup import body_setup, make_silhouettes
@@ -45,6 +46,20 @@ def test_what_is_made_of_settings_follows_as_what_is_made_of_meshes():
             ours, theirs = made.update(arrival), direct.update(arrival)
     # The start went through a logarithm.
     np.testing.assert_allclose(ours.bodies[0].landmarks, theirs.bodies[0].landmarks, atol=1e-6)
+
+
+def test_joints_at_later_instants_go_through_the_settings():
+    later = [LaterJoints(at_s, {"neck": np.array([0.1, 1.5, at_s]), "left hip": np.zeros(3)}) for at_s in (0.5, 1.0)]
+    told = body_setup("", BODY, pose_at(BODY.mesh), later=later)
+    made = make_silhouettes(settings(told)).bodies[""].later
+    assert [one.at_s for one in made] == [0.5, 1.0]
+    for one, other in zip(made, later, strict=True):
+        assert set(one.joints) == set(other.joints)
+        assert all(np.array_equal(at, other.joints[name]) for name, at in one.joints.items())
+    assert "later" not in start(), "takes without keypoints are as before"
+    told["later"][0]["joints"]["neck"] = (0.0, 1.5, float("inf"))
+    with pytest.raises(SettingsError, match="later"):
+        make_silhouettes({"rig": encode_camera_rig(RIG), "bodies": [told]})
 
 
 def test_a_build_says_how_the_mesh_is_made_again():

@@ -55,6 +55,17 @@ def test_points_that_are_held_are_wanted_where_they_came_to_rest_and_others_wher
     assert np.array_equal(wanted.weights[~points], before.weights[~points])
 
 
+def test_of_one_camera_only_points_that_are_held_are_wanted_anywhere():
+    skin, stands = at_rest(), standing()
+    moved = motions(BODY.mesh.tree, stands.pose)
+    assert not len(skin.steady(stands, moved, held_alone=True).part)
+    points = np.arange(len(BODY.skin)) % 3 == 0
+    skin.hold(HeldPoints(points, stands.vertices[BODY.skin] + 0.1))
+    some, every = skin.steady(stands, moved, held_alone=True), skin.steady(stands, moved)
+    for name in ("part", "points", "targets", "weights"):
+        assert np.array_equal(getattr(some, name), getattr(every, name)[points])
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6))
 def test_nothing_is_wanted_of_a_body_that_is_as_expected(seed):

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
     from mocapella.live.silhouette_run import SilhouetteRun
     from mocapella.model.camera import CameraRig
+    from mocapella.model.point_tracks import ImageTracks
     from mocapella.model.twist_tree import TreePose
     from mocapella.recording.bodies_file import FollowedBody
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
-    from mocapella.tracker.initial_body import InitialBody
+    from mocapella.tracker.initial_body import InitialBody, LaterJoints
     from mocapella.tracker.silhouette_start import Body
 
     Joints = Mapping[str, NDArray[np.float64]]
@@ -126,21 +127,44 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
     return found
 
 
+def find_later(wishes: StartWishes, rig: CameraRig, frames: Frames, rate_hz: float) -> dict[str, list[LaterJoints]]:
+    """Return the joints of the keypoints' later frames, by person's name; none without keypoints.
+
+    Args:
+        wishes: options of the initialisation.
+        rig: the cameras, for the triangulation of keypoints.
+        frames: the frames of the videos to track.
+        rate_hz: frame rate of the videos, before the selection [Hz].
+
+    Raises:
+        InputError: the keypoints cannot be read.
+    """
+    from mocapella.tracker.silhouette_start import later_joints
+
+    read = _tracks(wishes) if wishes.points else {}
+    return {name: later_joints(tracks, rig, frames.first, rate_hz) for name, (_, tracks) in read.items()}
+
+
 def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, _Found | _Earlier]:
-    from mocapella.recording.image_tracks_file import read_image_tracks
     from mocapella.tracker.silhouette_start import joints_of_points
+
+    found: dict[str, _Found | _Earlier] = {}
+    for name, (path, tracks) in _tracks(wishes).items():
+        for note in tracks.notes:
+            say(f"{path}: {note}")
+        found[name] = _Found(path, joints_of_points(tracks, rig, frames.first), _Wish(None, None))
+    return found
+
+
+def _tracks(wishes: StartWishes) -> dict[str, tuple[Path, ImageTracks]]:
+    """Read the keypoints of each person; return the first path and the tracks."""
+    from mocapella.recording.image_tracks_file import read_image_tracks
 
     paths: dict[str, list[Path]] = {}
     for text in wishes.points:
         name, value = _person_and_value(text)
         paths.setdefault(name, []).append(Path(value))
-    found: dict[str, _Found | _Earlier] = {}
-    for name, one in paths.items():
-        tracks = read_image_tracks(_folders(one), order=wishes.order)
-        for note in tracks.notes:
-            say(f"{one[0]}: {note}")
-        found[name] = _Found(one[0], joints_of_points(tracks, rig, frames.first), _Wish(None, None))
-    return found
+    return {name: (one[0], read_image_tracks(_folders(one), order=wishes.order)) for name, one in paths.items()}
 
 
 def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlier]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mocapella.sources.frame_set import FrameSource
     from mocapella.sources.video import Frames
     from mocapella.sources.video_set import VideoSet
+    from mocapella.tracker.initial_body import LaterJoints
     from mocapella.tracker.silhouette_start import Body
 
 
@@ -72,14 +73,15 @@ class RecordedRun:
 
 
 def recorded(
-    record: str, found: Mapping[str, tuple[Body, TreePose]], shown: FrameSource, wishes: LiveWishes, wanted: Frames,
-    fit: Mapping[str, Any],
+    record: str, found: Mapping[str, tuple[Body, TreePose]], later: Mapping[str, Sequence[LaterJoints]],
+    shown: FrameSource, wishes: LiveWishes, *, wanted: Frames, fit: Mapping[str, Any],
 ) -> RecordedRun:  # fmt: skip
     """Create a run over videos that is recorded as a take.
 
     Args:
         record: value of ``--record``.
         found: bodies and their initial poses, by name.
+        later: joints at later instants, by the body's name; a name may be missing.
         shown: the videos.
         wishes: options of the command; live cameras are refused.
         wanted: the frames to track.
@@ -97,7 +99,7 @@ def recorded(
     settings: dict[str, Any] = {
         "rig": encode_camera_rig(shown.rig),
         "bodies": [
-            body_setup(name, body, pose, mesh_bytes(Path(body.model)) if body.sha256 else b"")
+            body_setup(name, body, pose, mesh_bytes(Path(body.model)) if body.sha256 else b"", later.get(name, ()))
             for name, (body, pose) in found.items()
         ],
         "sync": {"period_s": wanted.step / shown.rate_hz},

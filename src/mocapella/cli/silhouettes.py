@@ -59,7 +59,9 @@ class SilhouetteKeys:
 
     points: Annotated[
         tuple[str, ...],
-        KeySpec("In place of --start: 2D keypoints of the first frame, as of `track points`.", "[PERSON=]POINTS"),
+        KeySpec(
+            "In place of --start: 2D keypoints, as of `track points`; later ones find a lost body.", "[PERSON=]POINTS"
+        ),
     ] = ()
     model: Annotated[
         tuple[str, ...],
@@ -184,7 +186,7 @@ def _track(
     """Track until the end, with settings of the fit as of `fit_settings`; return False if it is interrupted before."""
     from mocapella.cli.silhouette_live import wait_for_people
     from mocapella.cli.silhouette_result import SilhouetteResult, show
-    from mocapella.cli.silhouette_start import check_seen, find_start, learn
+    from mocapella.cli.silhouette_start import check_seen, find_later, find_start, learn
     from mocapella.cli.silhouette_take import recorded
     from mocapella.live.signals import stop_on_signals
     from mocapella.model.camera_rig_file import load_camera_rig
@@ -202,12 +204,13 @@ def _track(
                 closing.callback(writer.close)
                 on_step.append(writer.write)
             found = find_start(starts, cameras, wanted)
-            bodies = {name: body.starting(pose) for name, (body, pose) in found.items()}
+            later = {} if live_wishes.live else find_later(starts, cameras, wanted, shown.rate_hz)
+            bodies = {name: body.starting(pose, later.get(name, ())) for name, (body, pose) in found.items()}
             check_seen(bodies, shown.rig, ", ".join(starts.starts or ["points"]))
             if files.record is None:
                 run = _started(bodies, shown, live_wishes, wanted, fit)
             else:
-                take = recorded(files.record, found, shown, live_wishes, wanted, fit)
+                take = recorded(files.record, found, later, shown, live_wishes, wanted=wanted, fit=fit)
                 closing.callback(take.close)
                 run = take.run
             if background:

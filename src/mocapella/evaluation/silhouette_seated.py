@@ -19,11 +19,15 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.silhouette_runs import alone, measured_body, rough_joints, seen_at
+from mocapella.kinematics.silhouette_fit import eye
+from mocapella.kinematics.silhouette_fit import seen_at as pixels_of
+from mocapella.model.rigged_mesh import posed
 from mocapella.recording.bodies_file import ALONE
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
-from mocapella.sources.simulate.silhouette_scene import SEATED, CameraLook, silhouette_scene
+from mocapella.sources.simulate.silhouette_scene import SEATED, CameraLook, SilhouetteScene, silhouette_scene
 from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.limb_support import NEAR_M, LimbSupport
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Float64 = NDArray[np.float64]
@@ -38,6 +42,8 @@ EMPTY_IMAGES: Final = 3
 """Number of images of the empty room, of each camera."""
 FAR_M: Final = 0.1
 """Error of a joint that must be doubted [m]."""
+HIDDEN: Final = 0.02
+"""A joint is hidden if every image shows a smaller share of the limb's skin about it."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,9 @@ class JointScore(msgspec.Struct, frozen=True):
         median_mm, p95_mm, worst_mm: distances from the truth [mm].
         doubted: share of the joints that are reported as not supported by any image, over all frames.
         unsaid: share of the joints that are farther off than `FAR_M` and are not reported, over all frames.
+        hidden: share of the joints that no image shows in truth, over all frames.
+        hidden_unsaid: share of the hidden joints that are not reported; 0 if none is hidden.
+        shown_doubted: share of the other joints that are reported; 0 if all are hidden.
     """
 
     median_mm: float
@@ -80,6 +89,9 @@ class JointScore(msgspec.Struct, frozen=True):
     worst_mm: float
     doubted: float
     unsaid: float
+    hidden: float
+    hidden_unsaid: float
+    shown_doubted: float
 
 
 class SeatedRun(msgspec.Struct, frozen=True, eq=False):
@@ -89,6 +101,8 @@ class SeatedRun(msgspec.Struct, frozen=True, eq=False):
         landmarks: names of the landmarks.
         errors_m: (frames, landmarks) distances from the truth [m].
         supported: (frames, landmarks) whether images support each landmark.
+        visible: (frames, landmarks) share of the skin about each landmark that the image shows in truth that shows
+            most of it, 0 to 1, of `visible_share`.
         overlap: mean intersection over union of the model and its own segmentation.
         left_out: number of images that were left out.
     """
@@ -96,6 +110,7 @@ class SeatedRun(msgspec.Struct, frozen=True, eq=False):
     landmarks: tuple[str, ...]
     errors_m: Float64
     supported: Bool
+    visible: Float64
     overlap: float
     left_out: int
 
@@ -107,7 +122,11 @@ class SeatedRun(msgspec.Struct, frozen=True, eq=False):
         median, p95 = np.percentile(1e3 * errors, [50, 95])
         unsaid = (errors > FAR_M) & ~said
         worst = 1e3 * float(errors.max())
-        return JointScore(float(median), float(p95), worst, float(said.mean()), float(unsaid.mean()))
+        hidden = self.visible[:, these] < HIDDEN
+        return JointScore(
+            float(median), float(p95), worst, float(said.mean()), float(unsaid.mean()), float(hidden.mean()),
+            _share(~said, hidden), _share(said, ~hidden),
+        )  # fmt: skip
 
 
 def follow_seated(
@@ -146,7 +165,7 @@ def follow_seated(
         empty = dict(zip(cameras, scene.background(k), strict=True))
         for arrival in arrivals_of(empty, 0, cameras=scene.rig.cameras, empty_room=True):
             tracker.update(arrival)
-    errors, supported, overlaps, left_out = [], [], list[float](), 0
+    errors, supported, visible, overlaps, left_out = [], [], [], list[float](), 0
     before: list[UInt8] = []
     for k in range(len(scene)):
         images = scene.images(k)
@@ -158,10 +177,44 @@ def follow_seated(
         assert fit.supported is not None  # the tracker always tells
         errors.append(np.linalg.norm(fit.landmarks - scene.landmarks(k), axis=1))
         supported.append(fit.supported)
+        visible.append(visible_share(scene, k))
         overlaps += [seen.overlap for seen in fit.seen.values()]
         left_out += len(fit.left_out)
     overlap = float(np.mean(overlaps)) if overlaps else float("nan")
-    return SeatedRun(tuple(mesh.landmarks), np.array(errors), np.array(supported), overlap, left_out)
+    return SeatedRun(tuple(mesh.landmarks), np.array(errors), np.array(supported), np.array(visible), overlap, left_out)
+
+
+def visible_share(scene: SilhouetteScene, k: int) -> Float64:
+    """Return the share (landmarks,) of the first person's skin about each landmark that an image shows in truth.
+
+    Of the images, that counts which shows most. The skin is that within `NEAR_M` of the landmark on the parts whose
+    outline counts for it (`LimbSupport.parts`); the half that faces away is never shown. A landmark that is on no limb
+    has 1.
+
+    Args:
+        scene: the simulated scene.
+        k: index of the frame.
+    """
+    mesh = scene.mesh
+    vertices, owner = posed(mesh, scene.pose(k)), mesh.bones[:, 0]
+    parts_of, landmarks = LimbSupport(mesh).parts, scene.landmarks(k)
+    out = np.array([0.0 if parts else 1.0 for parts in parts_of])
+    for shown, placed in zip(scene.covered(k), scene.rig.cameras.values(), strict=True):
+        height, width = shown.people.shape
+        column, row = np.rint(pixels_of(vertices, eye(placed))).astype(np.int64).T
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
+        part = np.where(inside & (shown.people[row, column] == 0), shown.parts[row, column], -1)
+        for number, parts in enumerate(parts_of):
+            if parts:
+                near = np.isin(owner, parts) & (np.linalg.norm(vertices - landmarks[number], axis=1) < NEAR_M)
+                out[number] = max(out[number], float(np.isin(part[near], parts).mean()))
+    return out
+
+
+def _share(these: Bool, of: Bool) -> float:
+    """Return the share of ``these`` among ``of``; 0 if there are none."""
+    return float(these[of].mean()) if of.any() else 0.0
 
 
 def _interlaced(before: UInt8, image: UInt8) -> UInt8:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 Bool = NDArray[np.bool_]
 
-APART: Final = 3
+APART: Final = 2
 """Least distance of a thing from the body, where it begins [samples]."""
-LEAST: Final = 25
+LEAST: Final = 10
 """Least size of a thing, outside of the body's neighbourhood [samples]."""
 MOVES: Final = 2
 """Largest motion of a thing between two images [samples]."""

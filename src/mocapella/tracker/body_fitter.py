@@ -266,12 +266,12 @@ class BodyFitter:
         pose = self._with_limbs_found(usable, others, pose, expected, time_ns, held=held)
         stands, seen = self.body.standing(pose), {}
         evidence = self._evidence(stands)
-        supported = self._support.supported(stands.landmarks, [*evidence.values()])
+        supported = self._supported(stands, evidence)
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, one in evidence.items():
-            camera = self._cameras[name]
-            seen[name] = msgspec.structs.replace(camera.seen(), shown=one.shown, stands_out=camera.stands_out())
-            camera.learn(images[name], people.get(name))
+            camera, taken = self._cameras[name], people.get(name)
+            seen[name] = msgspec.structs.replace(camera.seen(), shown=one.shown, stands_out=camera.stands_out(taken))
+            camera.learn(images[name], taken)
         if seen:
             # The initial pose was rough: assume rest until motion is observed.
             last_ns, last = self._past[-1]
@@ -322,9 +322,10 @@ class BodyFitter:
                 if camera.segmented:
                     given.append(camera.planes(moved))
             held = steady
-            if len(given) > 1 and s.steadiness is not None:
-                held = beside_surface
-                given.append(self._surface.steady(stands, moved))
+            if given and s.steadiness is not None:
+                alone = len(given) == 1
+                held = steady if alone else beside_surface
+                given.append(self._surface.steady(stands, moved, held_alone=alone))
             given.append(apart(self.body.solid, stands.landmarks, moved))
             # An unseen part keeps its predicted motion; it is not drawn to its usual pose.
             local_priors = [local.into_prior(one) for one in held] + (
@@ -383,6 +384,13 @@ class BodyFitter:
         held = HeldPoints(points, self.body.standing(started).vertices[self.body.skin])
         priors = self._priors(started, self._past[-1][0], held)
         return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
+
+    def _supported(self, stands: Standing, evidence: Mapping[str, OutlineEvidence]) -> Bool:
+        """Return whether images support each landmark (n,); remember which of them show which parts."""
+        self._stillness.witness(
+            {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
+        )
+        return self._support.supported(stands.landmarks, [*evidence.values()])
 
     def _evidence(self, stands: Standing) -> dict[str, OutlineEvidence]:
         """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands."""

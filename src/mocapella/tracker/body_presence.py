@@ -3,7 +3,8 @@
 A camera sees a body if the segmented contour overlaps the model's outline and stands out from the empty room. A body
 that no camera sees is extrapolated for `LOST_AFTER_S`. Then it is lost: it is searched where the images differ from the
 empty room, or, if that is unknown, from the background learnt during tracking; there in its last posture, in its first
-one, and in earlier ones of this run. Else it is searched at its *waiting pose*, the last one that was seen well.
+one, and in earlier ones of this run. Where its joints are known, as of keypoints, it is placed by them instead. Else it
+is searched at its *waiting pose*, the last one that was seen well.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
+from mocapella.errors import CalibrationError, SettingsError
 from mocapella.kinematics.silhouette_fit import eye, within
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import landmarks_at
+from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.silhouettes import Silhouette
 from mocapella.model.twist_tree import TreePose
 from mocapella.sensing.empty_room import EmptyRoom
@@ -26,6 +28,7 @@ from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import FittedBody
 from mocapella.tracker.body_reacquisition import reacquire
 from mocapella.tracker.silhouette_camera import SeenIn
+from mocapella.tracker.silhouette_start import FAR_M, start_pose
 from mocapella.tracker.silhouette_views import SeenBody, called, covered_by_all
 
 Float64 = NDArray[np.float64]
@@ -63,6 +66,7 @@ WITNESSES: Final = 2
 LAST: Final = "found in its last posture"
 FIRST: Final = "found in its first posture"
 EARLIER: Final = "found in an earlier posture"
+KEYPOINTS: Final = "found by its keypoints"
 """How a search found a body, in words of the messages."""
 
 
@@ -167,7 +171,11 @@ class SilhouettePresence:
         return SeenBody(fit, True, self._covers(name, body.pose))
 
     def update(
-        self, number: int, found: Mapping[str, FittedBody], images: Mapping[str, UInt8]
+        self,
+        number: int,
+        found: Mapping[str, FittedBody],
+        images: Mapping[str, UInt8],
+        joints: Mapping[str, Mapping[str, Float64]] | None = None,
     ) -> tuple[dict[str, SeenBody], list[str]]:
         """Decide which fitted bodies are present in a frame and which are lost; restart the fitters of the lost ones.
 
@@ -179,6 +187,8 @@ class SilhouettePresence:
             number: number of the frame, for the messages.
             found: results of the fitters for this frame, by name; `start` must have been called for each.
             images: (height, width, 3) uint8 BGR, by camera; at least the images that the fitters used.
+            joints: positions (3,) of joints that are known in this frame, in the world [m], by landmark name, by body;
+                None for none. A lost or doubted body is placed by them.
 
         Returns:
             All of ``found`` by name, lost ones at their waiting pose; and messages about departures and arrivals.
@@ -188,15 +198,16 @@ class SilhouettePresence:
         self._learn_empty(found, images)
         seen, notes = {}, list[str]()
         for name, fit in found.items():
-            body = self._bodies[name]
+            body, known = self._bodies[name], (joints or {}).get(name, {})
             away = body.away(fit.time_ns)
             if away:
-                self._look_again(number, name, fit, images)
+                self._look_again(number, name, fit, images, joints=known)
                 held = msgspec.structs.replace(fit, pose=body.pose, landmarks=body.landmarks)
                 seen[name] = SeenBody(held, True, self._covers(name, body.pose))
             else:
                 seen[name] = SeenBody(fit, False)
-                if self._doubted(name, fit) and self._look_again(number, name, fit, images, doubted=True):
+                doubted = self._doubted(name, fit)
+                if doubted and self._look_again(number, name, fit, images, joints=known, doubted=True):
                     notes.append(f"frame {number}: {called(name)} did not stand out from the room: {body.found}")
             if away and not body.lost:
                 notes.append(
@@ -262,9 +273,10 @@ class SilhouettePresence:
         return doubted
 
     def _look_again(
-        self, number: int, name: str, fit: FittedBody, images: Mapping[str, UInt8], *, doubted: bool = False
-    ) -> bool:
-        """Restart the fitter where the images differ from the empty room, or else at the waiting pose.
+        self, number: int, name: str, fit: FittedBody, images: Mapping[str, UInt8], *,
+        joints: Mapping[str, Float64], doubted: bool = False,
+    ) -> bool:  # fmt: skip
+        """Restart the fitter at known joints, or where the images differ from the empty room, or at the waiting pose.
 
         A body that is only doubted is restarted if it covers the foreground much better elsewhere. Returns whether it
         was found.
@@ -273,6 +285,13 @@ class SilhouettePresence:
         unknown: a person who moved on differs from the learnt background as another scene does.
         """
         body, fitter = self._bodies[name], self._fitters.fitters[name]
+        by_joints = _placed(fitter.mesh, joints)
+        if by_joints is not None:
+            apart = not doubted or _apart_m(fitter.mesh, fit.landmarks, joints) > FAR_M
+            body.sure_ns, body.placed, body.found = fit.time_ns, True, KEYPOINTS if apart else ""
+            if apart:
+                fitter.start(by_joints, fit.time_ns)
+            return apart
         strange = {
             camera: self._foreground(name, image, camera)
             for camera, image in images.items()
@@ -362,6 +381,20 @@ class SilhouettePresence:
             }
             self._waits[name] = pose, drawn
         return self._waits[name][1]
+
+
+def _placed(mesh: RiggedMesh, joints: Mapping[str, Float64]) -> TreePose | None:
+    """Return a body's pose by its joints; None if there are too few, or they are no person's of its size."""
+    try:
+        return start_pose(mesh, joints) if joints else None
+    except (SettingsError, CalibrationError):
+        return None
+
+
+def _apart_m(mesh: RiggedMesh, landmarks: Float64, joints: Mapping[str, Float64]) -> float:
+    """Return the median distance of landmarks (n, 3) of a mesh from known joints [m]."""
+    both = [(at, joints[name]) for name, at in zip(mesh.landmarks, landmarks, strict=True) if name in joints]
+    return float(np.median([np.linalg.norm(at - known) for at, known in both]))
 
 
 def remembered(postures: tuple[TreePose, ...], pose: TreePose) -> tuple[TreePose, ...]:

@@ -29,6 +29,14 @@ MOVES: Final = 0.05
 """A part may move if a larger share of its points in one image may."""
 WATCHED: Final = 0.5
 """Least share of a part's points within one image at least; of other parts nothing is known."""
+FEWEST_IMAGES: Final = 4
+"""Least number of images of a frame for `WITNESSES`: of three, a motion along two lines of sight shows in one alone."""
+MOVES_WHOLE: Final = 0.25
+"""A part that an image shows clearly moves there only if a larger share of its points may: other things reach beside
+parts of it."""
+WITNESSES: Final = 2
+"""A part that so many cameras show without a change about it is still, whatever changes about it in other images: there
+other things move beside it, or before it."""
 SETTLING: Final = 15
 """Number of frames in a row that a part is fitted freely, and hardly moves, after an uncertain start, or after it was
 misplaced [frames]."""
@@ -38,7 +46,7 @@ NEAR_START_M: Final = 0.15
 """Largest distance of a point from where a certain start placed it, of a part that has not gone from there [m]."""
 EVERY: Final = 5
 """Stride of the vertices that are looked at."""
-_MEMORY: Final = ("_still", "_anchors", "_settling", "_last", "_start", "_near_start")
+_MEMORY: Final = ("_still", "_anchors", "_settling", "_last", "_start", "_near_start", "_witnesses")
 
 
 class ChangedImage(msgspec.Struct, frozen=True, eq=False):
@@ -90,6 +98,7 @@ class LimbStillness:
         self._anchors = np.zeros((len(self._skin_part), 3))
         self._start = np.full((len(self._skin_part), 3), np.nan)
         self._near_start = np.zeros(self._parts, np.bool_)
+        self._witnesses: dict[str, Bool] = {}
 
     def memory(self) -> dict[str, Any]:
         """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
@@ -118,6 +127,14 @@ class LimbStillness:
         """Hold parts of index ``parts`` (k,) no more until they are fitted elsewhere, because they were misplaced."""
         self._settling = np.where(np.isin(np.arange(self._parts), parts), SETTLING, self._settling)
 
+    def witness(self, shown: Mapping[str, Bool]) -> None:
+        """Remember which parts (parts,) each camera shows in this frame, by its name; after `update`.
+
+        A camera remains a witness of a part until its image changes about it.
+        """
+        for name, parts in shown.items():
+            self._witnesses[name] = self._witnesses.get(name, False) | parts
+
     def update(self, stands: Standing, changes: Mapping[str, ChangedImage], images: int) -> HeldPoints:
         """Decide which parts are still; return the points to hold.
 
@@ -127,15 +144,21 @@ class LimbStillness:
             images: number of images of this frame; if changes are known of fewer, nothing is still.
         """
         still = np.full(self._parts, len(changes) == images > 0)
-        watched = np.zeros(self._parts, np.bool_)
+        watched, quiet = np.zeros(self._parts, np.bool_), np.zeros(self._parts, np.int64)
+        known = still.copy()
         counts = np.maximum(np.bincount(self._part, minlength=self._parts), 1)
         points = stands.vertices[self._points]
-        for one in changes.values() if still.any() else ():
+        for name, one in changes.items() if known.any() else ():
             near = near_change(one.density, one.step_px, seen_at(points, one.eye))
             seen = np.bincount(self._part[~np.isnan(near)], minlength=self._parts)
             moving = np.bincount(self._part[near >= CHANGED], minlength=self._parts)
             watched |= seen >= WATCHED * counts
-            still &= moving <= MOVES * np.maximum(seen, 1)
+            share = moving / np.maximum(seen, 1)
+            still &= share <= MOVES
+            if name in self._witnesses:
+                self._witnesses[name] = self._witnesses[name] & (share <= MOVES_WHOLE) & (seen >= WATCHED * counts)
+                quiet += self._witnesses[name]
+        still |= known & (quiet >= WITNESSES) & (images >= FEWEST_IMAGES)
         still &= watched & (self._settling == 0)
         skin = stands.vertices[self._body.skin]
         moved = np.linalg.norm(skin - self._last, axis=1) > SETTLED_M

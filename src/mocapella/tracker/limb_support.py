@@ -67,6 +67,9 @@ class LimbSupport:
     Args:
         mesh: the body's mesh; landmarks that are on no limb, such as hips and shoulders, are not judged.
         least_nats: least evidence of a point of the outline [nats].
+
+    Attributes:
+        parts: for each landmark, the parts whose outline counts for it; empty for landmarks that are not judged.
     """
 
     def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
@@ -79,7 +82,7 @@ class LimbSupport:
             if len(parts) > 1 and not np.isin(parents[np.setdiff1d(np.arange(len(parents)), parts)], parts).any()
         ]
         of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
-        self._parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
+        self.parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
         self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
         self._count = len(parents)
 
@@ -90,17 +93,32 @@ class LimbSupport:
             landmarks: (n, 3) in the world [m].
             evidence: that of each camera that sees the body.
         """
-        length = np.zeros(len(landmarks))
-        for one in evidence:
-            points, part, metres = one.outline.points, one.outline.part, one.lengths_m
-            sure = np.where(one.nats >= self._least_nats, metres, 0.0)
-            for k, parts in enumerate(self._parts):
-                if parts:
-                    near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
-                    shown = sure[near].sum()
-                    length[k] += shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
-        judged = np.array([bool(parts) for parts in self._parts], np.bool_)
+        length = sum((self._shown_m(landmarks, one) for one in evidence), np.zeros(len(landmarks)))
+        judged = np.array([bool(parts) for parts in self.parts], np.bool_)
         return ~judged | (length >= LEAST_M)
+
+    def shown_parts(self, landmarks: Float64, evidence: OutlineEvidence) -> Bool:
+        """Return whether one image shows each part (parts,), by `LEAST_M` of outline about one of its landmarks.
+
+        Args:
+            landmarks: (n, 3) in the world [m].
+            evidence: that of the image's camera.
+        """
+        shown = np.zeros(self._count, np.bool_)
+        shown[self._part[self._shown_m(landmarks, evidence) >= LEAST_M]] = True
+        return shown
+
+    def _shown_m(self, landmarks: Float64, evidence: OutlineEvidence) -> Float64:
+        """Return the length (n,) of outline with evidence near each landmark in one image, if that counts, else 0."""
+        points, part, metres = evidence.outline.points, evidence.outline.part, evidence.lengths_m
+        sure = np.where(evidence.nats >= self._least_nats, metres, 0.0)
+        length = np.zeros(len(landmarks))
+        for k, parts in enumerate(self.parts):
+            if parts:
+                near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
+                shown = sure[near].sum()
+                length[k] = shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
+        return length
 
     def hidden_parts(self, supported: Bool) -> Bool:
         """Return the parts (parts,) none of whose landmarks is ``supported`` (n,); False for parts without any."""

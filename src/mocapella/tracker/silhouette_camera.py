@@ -43,10 +43,10 @@ LEARNT = 0.2
 """Learning rate of the mean and the mean deviation of `Usually`."""
 WIDE = 2.0
 """Factor of the search distance of outlines if the pose is rough, as in the first frame."""
-FARTHER, EVERY = 0.3, 3
-"""Search of limbs: margin around the body's window, as a fraction of it, and sampling step, in strides."""
-THINGS_EVERY = 2
-"""Stride of the samples of the search for things [samples]."""
+FARTHER = 0.3
+"""Margin around the body's window in which limbs are searched, as a fraction of it."""
+EVERY = 3
+"""Stride of the foreground scores of an image [samples]."""
 NEAREST_LIMB_M = 0.3
 """A limb that is nearer to a camera may be anywhere in the camera's image [m]."""
 FOREGROUND_PX = 4
@@ -128,6 +128,7 @@ class SilhouetteCamera:
         self._prior: Silhouette | None = None
         self._found: tuple[Silhouette, Float32] | None = None
         self._image: UInt8 | None = None
+        self._scored: tuple[UInt8, Float32] | None = None
 
     def memory(self) -> list[Any]:
         """Return all state between two frames, for `recall`; its mutable values are shared, not copied."""
@@ -227,11 +228,9 @@ class SilhouetteCamera:
         """
         if self.background is None or self._outline is None:
             return others
-        (height, width), step = image.shape[:2], self.step_px
-        whole = Silhouette((0, 0), step, np.empty((-(-height // step), -(-width // step)), np.float32))
-        foreground = self.background.strange(image, whole, THINGS_EVERY) > 0
-        grid = step * THINGS_EVERY
-        body = self._outline.silhouette.mask((width, height))[::grid, ::grid]
+        (height, width), grid = image.shape[:2], self._grid_px
+        foreground = self._scores(image) > 0
+        body = self._scored_in(self._outline.silhouette, foreground.shape)
         if others is not None:
             foreground &= ~others[::grid, ::grid]
         found = self.things.update(foreground, body)
@@ -275,17 +274,23 @@ class SilhouetteCamera:
         contour = self._found[0]
         return SeenIn(contour, self._outline, alike(self._outline, contour.phi))
 
-    def stands_out(self) -> float:
+    def stands_out(self, others: Bool | None) -> float:
         """Return the share of the segmented region that differs from the background learnt so far, see `SeenIn`.
 
         Only if it is `segmented`, and before `learn`.
+
+        Args:
+            others: (height, width) mask of other people, whose pixels do not count; None for none.
         """
         assert self._found is not None
         assert self._image is not None
         if self.background is None:
             return float("nan")
-        contour = self._found[0]
-        score = self.background.strange(self._image, contour, EVERY)[contour.phi[::EVERY, ::EVERY] > 0]
+        scores = self._scores(self._image)
+        counts = self._scored_in(self._found[0], scores.shape)
+        if others is not None:
+            counts &= ~others[:: self._grid_px, :: self._grid_px]
+        score = scores[counts]
         known = score[score != 0]
         return float((known > 0).mean()) if 2 * len(known) > len(score) else float("nan")
 
@@ -327,7 +332,7 @@ class SilhouetteCamera:
         assert self.background is not None
         (x, y), (rows, columns), step = self._outline.origin_px, self._outline.mask.shape, self.step_px
         width, height = self._eye.size_px
-        grid, around = step * EVERY, step * round(FARTHER * max(rows, columns))
+        grid, around = self._grid_px, step * round(FARTHER * max(rows, columns))
         left, top = (max(at - around, 0) // grid * grid for at in (x, y))
         right, bottom = min(x + step * columns + around, width), min(y + step * rows + around, height)
         bounds = self._bounds(about)
@@ -335,9 +340,9 @@ class SilhouetteCamera:
             left, top = max(left, bounds[0] // grid * grid), max(top, bounds[1] // grid * grid)
             right, bottom = min(right, bounds[2]), min(bottom, bounds[3])
         # At least one sample, even if limbs are outside the image.
+        left, top = (min(at, (side - 1) // grid * grid) for at, side in ((left, width), (top, height)))
         right, bottom = max(right, left + 1), max(bottom, top + 1)
-        shape = (-(-(bottom - top) // step), -(-(right - left) // step))
-        strange = self.background.strange(image, Silhouette((left, top), step, np.empty(shape, np.float32)), EVERY)
+        strange = self._scores(image)[top // grid : -(-bottom // grid), left // grid : -(-right // grid)].copy()
         if others is not None:
             apart_from = others[top:bottom:grid, left:right:grid]
             strange[: apart_from.shape[0], : apart_from.shape[1]][apart_from] = 0.0
@@ -367,6 +372,30 @@ class SilhouetteCamera:
         if others is not None:
             changed &= ~others[:: every * step, :: every * step]
         return largest_object(changed, every * step)
+
+    @property
+    def _grid_px(self) -> int:
+        """Distance between the foreground scores of `_scores` [px]."""
+        return EVERY * self.step_px
+
+    def _scores(self, image: UInt8) -> Float32:
+        """Return an image's foreground scores (rows, columns), of `BackgroundMemory.strange`, computed once a frame."""
+        assert self.background is not None
+        if self._scored is None or self._scored[0] is not image:
+            (height, width), step = image.shape[:2], self.step_px
+            whole = Silhouette((0, 0), step, np.empty((-(-height // step), -(-width // step)), np.float32))
+            self._scored = image, self.background.strange(image, whole, EVERY)
+        return self._scored[1]
+
+    def _scored_in(self, silhouette: Silhouette, shape: tuple[int, ...]) -> Bool:
+        """Return which samples (rows, columns) of `_scores`, of a ``shape``, are in a silhouette in this stride."""
+        out = np.zeros(shape, np.bool_)
+        (left, top) = (at // self.step_px for at in silhouette.origin_px)
+        row, column = (max(-at, 0) + -max(at, 0) % EVERY for at in (top, left))
+        part = out[(top + row) // EVERY :, (left + column) // EVERY :]
+        inside = silhouette.phi[row::EVERY, column::EVERY][: part.shape[0], : part.shape[1]] > 0
+        part[: inside.shape[0], : inside.shape[1]] = inside
+        return out
 
     def _bounds(self, about: Sequence[Ball]) -> tuple[int, int, int, int] | None:
         """Return the part of the image that shows balls: left, top, right, bottom [px]; None if one is too near."""

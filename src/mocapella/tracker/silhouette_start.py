@@ -6,7 +6,7 @@ pose is fitted to the joints (`mocapella.kinematics.landmark_pose`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -23,11 +23,11 @@ from mocapella.model.body_builds import built_mesh
 from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
-from mocapella.model.point_tracks import ImageTracks
+from mocapella.model.point_tracks import ImageTracks, SpaceTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import parse
-from mocapella.tracker.initial_body import InitialBody, build_of
+from mocapella.tracker.initial_body import InitialBody, LaterJoints, build_of
 
 Float64 = NDArray[np.float64]
 
@@ -44,6 +44,8 @@ FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
 """Least distance between the roots of two bodies at the start [m]."""
+LATER_EVERY_S: Final = 0.1
+"""Least time between two later frames whose joints are kept: a lost body is searched until it is found [s]."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
 """Largest reprojection error of points, as a fraction of the image's longer side, and its lower bound [px]."""
 _REJECTED, _FEWEST_POINTS = 0.6, 6
@@ -68,11 +70,10 @@ class Body:
     mesh: RiggedMesh
     sha256: str = ""
 
-    def starting(self, pose: TreePose) -> InitialBody:
-        """Return the body with an initial pose, for a tracker; the mesh is shared."""
-        return InitialBody(
-            self.mesh, pose, build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
-        )
+    def starting(self, pose: TreePose, later: Sequence[LaterJoints] = ()) -> InitialBody:
+        """Return the body with an initial pose and joints at later instants, for a tracker; the mesh is shared."""
+        build = build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
+        return InitialBody(self.mesh, pose, build, later)
 
 
 def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:
@@ -98,18 +99,9 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
             "no point is called like a joint", field="point", value=", ".join(tracks.points[:5]),
             fix="name points as OpenPose does (LHip …), or left hip, left knee …",
         )  # fmt: skip
-    one = slice(frame, frame + 1)
-    first = ImageTracks(
-        tracks.cameras, tracks.points, tracks.frames[one], tracks.at_s[one], tracks.pixels[one], tracks.confidences[one]
-    )
-    # A detector's errors grow with the image.
-    largest = max(_LEAST_ERROR_PX, _ERROR * float(np.median([max(c.camera.size_px) for c in rig.cameras.values()])))
+    first, largest = _of_frames(tracks, np.array([frame])), _largest_error_px(rig)
     space, report = triangulate_tracks(first, rig, TracksSettings("weighted-linear", largest_error_px=largest))
-    found = {
-        columns[name]: space.positions[0, k]
-        for k, name in enumerate(space.points)
-        if name in columns and np.isfinite(space.positions[0, k]).all()
-    }
+    found = _joints(space, 0)
     confident = (first.confidences[0] > TracksSettings().least_confidence).sum(axis=0) >= 2
     seen = sum(bool(confident[k]) for k, name in enumerate(tracks.points) if name in columns)
     if seen >= 4 and 2 * len(found) < seen:
@@ -125,6 +117,52 @@ def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dic
                 "is it the rig's camera of that name, and of this instant?"
             )
     return found
+
+
+def later_joints(tracks: ImageTracks, rig: CameraRig, first: int, rate_hz: float) -> list[LaterJoints]:
+    """Triangulate joints from 2D points of later frames, one each `LATER_EVERY_S`; frames without any are left out.
+
+    Args:
+        tracks: 2D points, as in `joints_of_points`.
+        rig: the cameras' intrinsics and poses.
+        first: index of the first frame that is tracked, from 0; the later ones are used.
+        rate_hz: rate of the points' numbered frames [Hz].
+
+    Raises:
+        InputError: a camera that the rig does not have.
+    """
+    since_s = (tracks.frames - tracks.frames[first]) / rate_hz
+    these: list[int] = []
+    for k in range(first + 1, len(since_s)):
+        if since_s[k] >= (since_s[these[-1]] if these else 0.0) + LATER_EVERY_S - 1e-9:
+            these.append(k)
+    if not these:
+        return []
+    settings = TracksSettings("weighted-linear", largest_error_px=_largest_error_px(rig))
+    space, _ = triangulate_tracks(_of_frames(tracks, np.array(these)), rig, settings)
+    found = [LaterJoints(float(since_s[frame]), _joints(space, k)) for k, frame in enumerate(these)]
+    return [one for one in found if one.joints]
+
+
+def _of_frames(tracks: ImageTracks, these: NDArray[np.int64]) -> ImageTracks:
+    return ImageTracks(
+        tracks.cameras, tracks.points, tracks.frames[these], tracks.at_s[these], tracks.pixels[these],
+        tracks.confidences[these],
+    )  # fmt: skip
+
+
+def _largest_error_px(rig: CameraRig) -> float:
+    # A detector's errors grow with the image.
+    return max(_LEAST_ERROR_PX, _ERROR * float(np.median([max(c.camera.size_px) for c in rig.cameras.values()])))
+
+
+def _joints(space: SpaceTracks, k: int) -> dict[str, Float64]:
+    """Return the joints of the frame of index k, by landmark name."""
+    return {
+        _landmark(name): space.positions[k, column]
+        for column, name in enumerate(space.points)
+        if _landmark(name) and np.isfinite(space.positions[k, column]).all()
+    }
 
 
 def check_joints(model: str, joints: Mapping[str, Float64], file: object = None) -> None:

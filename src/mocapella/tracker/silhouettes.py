@@ -51,6 +51,7 @@ from mocapella.tracker.silhouette_start import cameras_that_see
 from mocapella.tracker.silhouette_views import DAMAGED, NO_PICTURE, SeenInstant, called
 
 UInt8 = NDArray[np.uint8]
+Float64 = NDArray[np.float64]
 
 MOST_NOTES: Final = 200
 """Number of notes kept for a caller that has not drained them."""
@@ -116,6 +117,7 @@ class SilhouettesTracker:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._steps = self._instants = self._restarts = 0
+        self._first_ns: int | None = None
         self._rejected: Counter[str] = Counter()
         self._notes: deque[TrackerNote] = deque(maxlen=MOST_NOTES)
         self._begin_anew("")
@@ -275,7 +277,7 @@ class SilhouettesTracker:
         found = {
             name: msgspec.structs.replace(fit, left_out={**fit.left_out, **missing}) for name, fit in found.items()
         }
-        bodies, who = self._presence.update(number, found, images)
+        bodies, who = self._presence.update(number, found, images, self._joints_at(time_ns))
         said += who + self._conditions.update(number, bodies)
         supported = {
             name: one.fit.supported
@@ -289,6 +291,13 @@ class SilhouettesTracker:
         self.seen = SeenInstant(number, time_ns, images, bodies)
         self._bodies = self._scenes.tracked(bodies)
         return said
+
+    def _joints_at(self, time_ns: int) -> dict[str, Mapping[str, Float64]]:
+        """Return the joints that are known at a time, by body; the time since the first frame counts."""
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        since_s = (time_ns - self._first_ns) / NS_PER_S
+        return {name: body.known_at(since_s, 0.5 * self.period_s) for name, body in self.bodies.items()}
 
     def _begin(self, time_ns: int) -> list[str]:
         """Start all bodies, before the first fit; return messages."""
@@ -327,10 +336,10 @@ class SilhouettesTracker:
         return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
 
 
-_FORMAT: Final = "silhouettes 4"
+_FORMAT: Final = "silhouettes 5"
 _OWN_MEMORY: Final = (
     *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
-    "_state",
+    *("_state", "_first_ns"),
 )
 _REMEMBERED: Final = (
     *(Phase, TrackerState, TrackerNote, TrackedBody, TrackedBodyView, *IMAGES_REMEMBERED),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import binascii
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any, Final
@@ -24,7 +24,7 @@ from mocapella.model.rigged_mesh_file import decode_rigged_mesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import check, parse
 from mocapella.tracker.frame_sync import FrameSyncSettings
-from mocapella.tracker.initial_body import InitialBody
+from mocapella.tracker.initial_body import InitialBody, LaterJoints
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 from mocapella.tracker.silhouette_start import Body, body_again, check_apart
 from mocapella.tracker.silhouettes import SilhouettesTracker
@@ -53,6 +53,26 @@ class BodyStartSetup:
 
 
 @dataclass(frozen=True)
+class LaterJointsSetup:
+    """Joints of a body at a later instant.
+
+    Attributes:
+        at_s: time since the first frame [s].
+        joints: positions in the world, by landmark name [m].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
+
+    at_s: float
+    joints: dict[str, tuple[float, float, float]]
+
+    def __post_init__(self) -> None:
+        numbers = [self.at_s, *(value for at in self.joints.values() for value in at)]
+        check(bool(np.isfinite(numbers).all()), "later", numbers, "finite numbers")
+
+
+@dataclass(frozen=True)
 class BodySetup:
     """A tracked body.
 
@@ -63,6 +83,7 @@ class BodySetup:
         height_m: subject height; None if ``proportions`` give the size [m].
         proportions: lengths of segments, by name [m].
         mesh: content of a .glb file in base64; empty for a built-in model.
+        later: joints at later instants, by which a lost body is found again.
     """
 
     start: BodyStartSetup
@@ -71,6 +92,7 @@ class BodySetup:
     height_m: float | None = None
     proportions: dict[str, float] = field(default_factory=dict)
     mesh: str = ""
+    later: tuple[LaterJointsSetup, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,7 +146,9 @@ def make_silhouettes(settings: Mapping[str, Any]) -> SilhouettesTracker:
     )
 
 
-def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") -> dict[str, Any]:
+def body_setup(
+    name: str, body: Body, pose: TreePose, mesh_file: bytes = b"", later: Sequence[LaterJoints] = ()
+) -> dict[str, Any]:
     """Return a body as plain settings, one item of ``bodies`` for `make_silhouettes`.
 
     Args:
@@ -132,19 +156,27 @@ def body_setup(name: str, body: Body, pose: TreePose, mesh_file: bytes = b"") ->
         body: the body, with its mesh and proportions.
         pose: initial pose.
         mesh_file: content of the .glb file, if the body has one.
+        later: joints at later instants; none are stored if there are none.
     """
     start = BodyStartSetup(
         tuple(log_motion(pose.T_world_model).tolist()),
         dict(zip(body.mesh.joint_names, pose.angles.tolist(), strict=True)),
     )
     mesh = base64.b64encode(mesh_file).decode("ascii")
-    return dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, body.proportions.known, mesh))
+    plain = dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, body.proportions.known, mesh))
+    del plain["later"]
+    if later:
+        plain["later"] = [
+            {"at_s": one.at_s, "joints": {k: at.tolist() for k, at in one.joints.items()}} for one in later
+        ]
+    return plain
 
 
 def _starting(setup: BodySetup) -> InitialBody:
     whose = f"{WHERE}: {setup.name or 'body'}"
     body = _of_file(setup, whose) if setup.mesh else body_again(setup.model, setup.height_m, setup.proportions)
-    return body.starting(_pose(setup.start, body.mesh, whose))
+    later = [LaterJoints(one.at_s, {k: np.array(at) for k, at in one.joints.items()}) for one in setup.later]
+    return body.starting(_pose(setup.start, body.mesh, whose), later)
 
 
 def _of_file(setup: BodySetup, whose: str) -> Body:

@@ -46,6 +46,7 @@ class SurfacePrior:
         self._onward, self._weights = np.zeros((count, 3)), np.zeros(count)
         self._speed, self._acceleration = np.full(count, AT_FIRST_M_PER_S), np.zeros(count)
         self._since_s, self._per_s2 = 0.0, 0.0
+        self._held = np.zeros(count, np.bool_)
 
     def memory(self) -> dict[str, Any]:
         """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
@@ -76,19 +77,24 @@ class SurfacePrior:
 
     def hold(self, held: HeldPoints) -> None:
         """Replace the prior of points that are still by one about where they came to rest; after `expect`."""
+        self._held = held.points
         self._onward = np.where(held.points[:, None], held.at, self._onward)
         still = self._steadiness.still_m**-2
         self._weights = np.where(held.points, np.maximum(self._weights, still), self._weights)
 
-    def steady(self, stands: Standing, motions: tuple[Float64, Float64]) -> OnPoints:
+    def steady(self, stands: Standing, motions: tuple[Float64, Float64], *, held_alone: bool = False) -> OnPoints:
         """Return the prior as point constraints that pull the surface to its predicted position, for `twist_fit.fit`.
 
         Args:
             stands: the body in its present pose.
             motions: R (parts, 9) and t (parts, 3) of the kinematic tree in that pose.
+            held_alone: whether only points that are held count, of `hold`: where one camera alone sees the body, its
+                distance is hardly visible and moves all other points.
         """
-        rest = at_rest(stands.vertices[self._body.skin], self._part, motions)
-        return OnPoints(self._part, rest, self._onward, self._weights)
+        these = self._held if held_alone else np.ones(len(self._part), np.bool_)
+        part = self._part[these]
+        rest = at_rest(stands.vertices[self._body.skin[these]], part, motions)
+        return OnPoints(part, rest, self._onward[these], self._weights[these])
 
     def learn(self, stands: Standing) -> None:
         """Update the points' positions and accelerations with the fitted body of this frame, for the next `expect`."""
