@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from mocapella.errors import SettingsError
 from mocapella.fusion.weighted_mean import FusionSettings, learn_offsets, view_variances, weighted_mean
 from mocapella.geometry.rigid import apply, rigid, rotation_about_x, rotation_about_y
+from mocapella.sources.simulate.measured import measured_errors
 
 VIEWS, JOINTS = 3, 4
 places = arrays(np.float64, (VIEWS, JOINTS, 3), elements=st.floats(-5, 5))
@@ -113,3 +114,9 @@ def test_a_joint_does_not_jump_when_a_view_is_lost_and_drifts_to_what_is_left() 
 def test_settings_out_of_range_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         FusionSettings(**{name: 0.0})
+
+
+def test_an_inferred_joint_counts_about_as_measured() -> None:
+    sd_m = measured_errors().sd_m  # (25, visible or hidden, directions)
+    ratio = np.exp(np.log(sd_m[:, 1] / sd_m[:, 0]).mean())
+    assert FusionSettings().inferred_factor == pytest.approx(ratio, rel=0.1)
