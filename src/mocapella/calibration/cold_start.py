@@ -93,7 +93,7 @@ class ColdStart:
         )
 
     def _choose(self, a: SensorTracks, b: SensorTracks) -> None:
-        """Drop hypotheses of bodies that are gone, and add those of new ones."""
+        """Drop the hypotheses of missing bodies, and add hypotheses of new ones."""
         kept = {key: one for key, one in self.hypotheses.items() if key[0] in a.bodies and key[1] in b.bodies}
         ids = product(sorted(a.bodies), sorted(b.bodies), (False, True))
         for key in islice((key for key in ids if key not in kept), MOST - len(kept)):

@@ -198,7 +198,7 @@ PLOT_HELP: Final = "Draw a plot; needs matplotlib."
 
 
 def drawable(plot: Path | None) -> Path | None:
-    """Return a plot's file, None for none, as it is given; called before any work.
+    """Return a plot's file, None for none, unchanged; called before any work.
 
     Raises:
         SettingsError: a plot cannot be written there, see `mocapella.evaluation.plots.check_plot`.

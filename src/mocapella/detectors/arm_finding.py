@@ -58,7 +58,7 @@ class Found(NamedTuple):
 
     @property
     def rank(self) -> float:
-        """Sum of both costs, by which fits of one hand are ranked."""
+        """Sum of both costs: the rank of fits of one hand."""
         return self.cost + self.missed
 
 
@@ -354,7 +354,7 @@ class ArmFinder:
         return Found(fitted.cost + _HIDDEN * hidden, found.side, fitted, best.missed)
 
     def _reached(self, depth: Float32, model: ArmModel, refined: _Refined) -> Steps[Fitted | None]:
-        """Return the best of fits in which a digit reaches an end of a branch that no tip explains; None without."""
+        """Return the best fit with a digit at an end of a branch that no tip explained; None without."""
         pose, fits = refined.fitted.pose, []
         evidence = evidence_of(refined.part, model, pose, 400, 0.3)
         for end in unexplained(refined.ends, model.points(pose)[[*TIPS]]):

@@ -1,4 +1,4 @@
-"""Poses from which fits of a hand to a depth image start: an open hand or a fist, at a palm that was detected."""
+"""Start poses of fits of a hand to a depth image: an open hand or a fist, at a palm that was detected."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def reached(ends: Float64, tips: Float64) -> Float64:
 
 
 def reaching(model: ArmModel, pose: ArmPose, end: Float64) -> Iterator[tuple[ArmPose, Float64]]:
-    """Yield starts for fits in which one digit reaches the end of a branch, for each digit that can.
+    """Yield starts of fits with one digit at the end of a branch, for each digit that can.
 
     A digit can if its tip is within `REACHED_M` of the end in one of `ArmModel.ways`. It starts in the nearest one.
 

@@ -34,7 +34,7 @@ LEFT, ALL, AGREED = np.uint8(0), np.uint8(1), np.uint8(2)
 @njit(**INLINED)
 def numbers_of(views: Float64, n: int) -> Numbers:
     """Return the first 22 numbers of view n of views (views, 25) as values: a loop over lanes that reads the array
-    instead is not vectorised, because what it writes might be in the array."""
+    instead is not vectorised: its results might be written into that array."""
     return (
         views[n, 0], views[n, 1], views[n, 2], views[n, 3], views[n, 4], views[n, 5], views[n, 6], views[n, 7],
         views[n, 8], views[n, 9], views[n, 10], views[n, 11], views[n, 12], views[n, 13], views[n, 14], views[n, 15],

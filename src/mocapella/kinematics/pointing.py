@@ -25,7 +25,7 @@ Float64 = NDArray[np.float64]
 CORNERS: Final = ("top left", "top right", "bottom left")
 """The corners that describe a plane, in their order, as its user sees them."""
 PLACES: Final = 2
-"""Number of places from which each corner is pointed at."""
+"""Number of places to point at each corner from."""
 POINTERS: Final = {"index": (5, 8), "forearm": (ELBOW, 0)}
 """What points, as two of `mocapella.model.arms.ARM_POINTS`: the index finger from knuckle to tip, elbow to wrist."""
 LARGEST_SD_M: Final = 0.03
@@ -33,7 +33,7 @@ LARGEST_SD_M: Final = 0.03
 
 
 def ray_of(arm: TrackedArm | None, by: str) -> tuple[Float64, Float64] | None:
-    """Return the ray by which an arm points: (3,) its origin, at the tip or wrist, and (3,) its direction [m].
+    """Return an arm's pointing ray: (3,) its origin, at the tip or wrist, and (3,) its direction [m].
 
     None without an arm, or if a point is not measured by a camera now, or its standard deviation is above
     `LARGEST_SD_M`.

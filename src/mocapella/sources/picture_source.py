@@ -170,7 +170,7 @@ def stuck_automatic(mode: str) -> str:
     """Return the sentence about an automatic mode that the camera does not switch off."""
     return (
         f"automatic {mode.replace('_', ' ')} cannot be switched off: colours may drift; set it with the camera's own "
-        "program, keep the light as it is, or learn the colours in the brightest and the darkest light"
+        "program, keep the light constant, or learn the colours in the brightest and the darkest light"
     )
 
 

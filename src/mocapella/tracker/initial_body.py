@@ -34,7 +34,7 @@ class InitialBody(msgspec.Struct, frozen=True, eq=False):
         mesh: the body's mesh.
         pose: approximate initial pose.
         build: JSON description of the mesh, see `TrackedBody.build`; empty if not given.
-        later: joints at later instants, by which the body is found again if it is lost; in any order.
+        later: joints at later instants, to find a lost body again; in any order.
     """
 
     mesh: RiggedMesh

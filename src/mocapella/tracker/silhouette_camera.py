@@ -44,7 +44,7 @@ LEARNT = 0.2
 WIDE = 2.0
 """Factor of the search distance of outlines if the pose is rough, as in the first frame."""
 FARTHER = 0.3
-"""Margin around the body's window in which limbs are searched, as a fraction of it."""
+"""Margin around the body's window for the search of limbs, as a fraction of the window."""
 EVERY = 3
 """Stride of the foreground scores of an image [samples]."""
 NEAREST_LIMB_M = 0.3

@@ -83,7 +83,7 @@ class BodySetup:
         height_m: subject height; None if ``proportions`` give the size [m].
         proportions: lengths of segments, by name [m].
         mesh: content of a .glb file in base64; empty for a built-in model.
-        later: joints at later instants, by which a lost body is found again.
+        later: joints at later instants, to find a lost body again.
     """
 
     start: BodyStartSetup
