@@ -174,3 +174,14 @@ def test_foreground_is_scored_once_a_frame_and_camera(monkeypatch: pytest.Monkey
         fitter.update(room.walls() if k == 2 else room.images(POSE), k * 10**9 // 60)
         assert sorted(scored) == sorted(set(scored))
         assert len(scored) == 2
+
+
+def test_foreground_is_scored_anew_once_the_background_has_changed() -> None:
+    camera, image = learnt(), ROOM.images(POSE)[NAME]
+    known = camera._scores(image)
+    assert camera._scores(image) is known
+    memory = camera.memory()
+    camera.forget_background()
+    assert not camera._scores(image).any()  # nothing is known any more
+    camera.recall(memory)
+    assert np.array_equal(camera._scores(image), known)

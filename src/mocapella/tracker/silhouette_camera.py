@@ -139,6 +139,7 @@ class SilhouetteCamera:
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same ``step_px``, its first element."""
         _, background, usually, covers, changes, things = memory
+        self._scored = None
         self.changes.recall(changes)
         self.things.recall(things)
         if self.background is not None:
@@ -205,7 +206,7 @@ class SilhouetteCamera:
         """Forget the background; the next learnt image becomes the new one. `background` must not be None."""
         assert self.background is not None
         self.background.reset()
-        self.usually = Usually()
+        self._scored, self.usually = None, Usually()
 
     def forget_things(self, image: UInt8, others: Bool | None) -> None:
         """Forget the background where things came after it was learnt; the body is where it was `look`-ed for.
@@ -216,6 +217,7 @@ class SilhouetteCamera:
         """
         if self.background is not None and self._outline is not None:
             self.background.forget_things(image, self._expected(), others)
+            self._scored = None
 
     def ignored(self, image: UInt8, others: Bool | None) -> Bool | None:
         """Return the pixels (height, width) that are no evidence: of other people, and of things that passed by.
@@ -379,7 +381,10 @@ class SilhouetteCamera:
         return EVERY * self.step_px
 
     def _scores(self, image: UInt8) -> Float32:
-        """Return an image's foreground scores (rows, columns), of `BackgroundMemory.strange`, computed once a frame."""
+        """Return an image's foreground scores (rows, columns), of `BackgroundMemory.strange`.
+
+        They are computed once for an image and a background.
+        """
         assert self.background is not None
         if self._scored is None or self._scored[0] is not image:
             (height, width), step = image.shape[:2], self.step_px
@@ -419,6 +424,7 @@ class SilhouetteCamera:
         if self.background is not None and self._outline is not None and self._found is not None:
             # Neither the contour's neighbourhood nor the body is learnt; no further distance is kept.
             self.background.update(image, self._found[0], others, self._outline.mask)
+            self._scored = None
 
     def _expected(self) -> Silhouette:
         if self._prior is None:
