@@ -33,7 +33,7 @@ def datagram(picture: int, time_us: int, frame: MarkerFrame) -> bytes:
 
 
 def wait_for_start(port: int) -> None:
-    """Until somebody says ``start``."""
+    """Wait for the datagram ``start``."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # two cameras may run on one machine
         listener.bind(("", port))
@@ -45,16 +45,16 @@ def main() -> None:
     """Wait, look, and send."""
     name, file, master, port = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
     pictures = int(sys.argv[5]) if len(sys.argv) > 5 else 10**9
+    if file == "-" and not name.startswith("rendered:"):
+        sys.exit(f"{name} needs a profile of its colours; make it with `mocapella node markers {name} --profile FILE`")
     profile = None if file == "-" else load_profile(file)
-    wishes = None if profile is None else CameraWishes(profile.size_px, controls=profile.controls)
-    source = open_pictures(name, wishes)
-    detector = MarkerDetector(profile or source.profile())
-    width, height = detector.profile.size_px
-    detector.update(np.zeros((height, width, 3), np.uint8), 0.0)  # compiles before the first picture
+    source = open_pictures(name, profile and CameraWishes(profile.size_px, controls=profile.controls))
+    detector = MarkerDetector(known := profile or source.profile())
+    detector.update(np.zeros((*known.size_px[::-1], 3), np.uint8), 0.0)  # compiles before the first picture
     detector.reset()
-    times, number = StageTimes(min(pictures, 10_000), len(detector.profile.names)), 0
+    times, number = StageTimes(min(pictures, 10_000), len(known.names)), 0
     with Acquisition(source, say=print) as camera, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        print(f"--markers {','.join(detector.profile.names)} --size {width}x{height}", flush=True)
+        print(f"--markers {','.join(known.names)} --size {'x'.join(map(str, known.size_px))}", flush=True)
         wait_for_start(int(sys.argv[6]) if len(sys.argv) > 6 else 5000)
         camera.start()
         with contextlib.suppress(KeyboardInterrupt):
@@ -69,7 +69,7 @@ def main() -> None:
                 spent = {"retrieval": taken.retrieval_s, "detection": found_s - begin_s, "sending": sent_s - found_s}
                 times.add({**spent, "all": sum(spent.values())}, frame.positions_px)
                 number += 1
-    show_times(times.table(), times.jitter(detector.profile.names), None, Console())
+    show_times(times.table(), times.jitter(known.names), None, Console())
 
 
 if __name__ == "__main__":

@@ -47,6 +47,13 @@ def test_without_a_camera_it_ends_with_one_line(tmp_path: Path, source: str, say
 
 
 @pytest.mark.slow
+def test_a_camera_without_a_profile_of_its_colours_ends_with_one_line(tmp_path: Path) -> None:
+    assert run(tmp_path, "picamera:0", "-", "127.0.0.1", str(free_port())).wait(300.0) == 1
+    (line,) = (tmp_path / "err").read_text().splitlines()
+    assert "picamera:0 needs a profile of its colours" in line
+
+
+@pytest.mark.slow
 def test_interrupted_it_ends_with_one_line_and_after_pictures_with_its_times(tmp_path: Path) -> None:
     port, start = free_port(), free_port()
     for begun in (False, True):
