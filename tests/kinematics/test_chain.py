@@ -31,7 +31,7 @@ seeds = st.integers(0, 2**32 - 1)
 def chain(body: Pose) -> tuple[Float64, Float64]:
     """Joints about the root, and twists."""
     x, frames, twists = np.empty((JOINTS, 3)), np.empty((JOINTS, 9)), np.empty((DOFS, 6))
-    forward(MODEL.arrays, row_of(MODEL, body), body.position, x, frames, twists)
+    forward(MODEL.arrays, row_of(MODEL, body), body.position, x, frames, twists, with_twists=True)
     return x, twists
 
 

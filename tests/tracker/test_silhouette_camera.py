@@ -134,6 +134,7 @@ def test_a_silhouette_covers_the_scored_samples_of_its_mask(
     assert np.array_equal(camera._scored_in(silhouette, mask.shape), mask)
 
 
+@pytest.mark.slow
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 2, st.floats(0.05, 1.0)))
 def test_evidence_of_limbs_is_the_score_of_its_part_of_the_image(ball: tuple[float, float, float]) -> None:
     camera = learnt()
@@ -155,6 +156,7 @@ def learnt() -> SilhouetteCamera:
     return camera
 
 
+@pytest.mark.slow
 def test_foreground_is_scored_once_a_frame_and_camera(monkeypatch: pytest.MonkeyPatch) -> None:
     scored: list[int] = []
     score = BackgroundMemory.strange
