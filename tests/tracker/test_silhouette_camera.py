@@ -178,6 +178,7 @@ def test_foreground_is_scored_once_a_frame_and_camera(monkeypatch: pytest.Monkey
         assert len(scored) == 2
 
 
+@pytest.mark.slow
 def test_foreground_is_scored_anew_once_the_background_has_changed() -> None:
     camera, image = learnt(), ROOM.images(POSE)[NAME]
     known = camera._scores(image)
