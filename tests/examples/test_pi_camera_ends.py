@@ -19,8 +19,10 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "02_pi_camera.py"
 
 
 def run(folder: Path, *words: str) -> subprocess.Popen[bytes]:
+    """Start the example, which Ctrl-C ends also where the tests run in a shell's background, which ignores it."""
     with (folder / "out").open("w") as out, (folder / "err").open("w") as err:
-        return subprocess.Popen([sys.executable, str(EXAMPLE), *words], stdout=out, stderr=err)
+        command = ["env", "--default-signal=INT", sys.executable, str(EXAMPLE), *words]
+        return subprocess.Popen(command, stdout=out, stderr=err)
 
 
 def profile(folder: Path) -> str:

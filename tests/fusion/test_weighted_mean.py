@@ -119,4 +119,4 @@ def test_settings_out_of_range_are_refused(name: str) -> None:
 def test_an_inferred_joint_counts_about_as_measured() -> None:
     sd_m = measured_errors().sd_m  # (25, visible or hidden, directions)
     ratio = np.exp(np.log(sd_m[:, 1] / sd_m[:, 0]).mean())
-    assert FusionSettings().inferred_factor == pytest.approx(ratio, rel=0.1)
+    assert ratio <= FusionSettings().inferred_factor <= 1.5 * ratio

@@ -46,7 +46,7 @@ class FusionSettings:
             distance; larger: the prediction counts more, with less jitter and more lag [m].
         inferred_factor: factor of the standard deviation of an inferred joint; larger: inferred joints count less. Of a
             Kinect v2 it is 1.9, as a geometric mean over joints and directions (the table `sd_m` of
-            ``kinect_v2_measured.json``) [ratio].
+            ``kinect_v2_measured.json``); with 2, postures with most joints inferred are taken for measured [ratio].
         clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image; larger:
             such a view counts less [ratio].
         degrees_of_freedom: parameter of the Student-t weight of a view; smaller: a view far from the prediction counts
@@ -60,7 +60,7 @@ class FusionSettings:
     """
 
     sd_m: float = 0.015
-    inferred_factor: float = 2.0
+    inferred_factor: float = 2.5
     clipped_factor: float = 2.0
     degrees_of_freedom: float = 5.0
     offset_s: float = 0.3

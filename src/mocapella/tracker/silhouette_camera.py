@@ -290,11 +290,13 @@ class SilhouetteCamera:
             return float("nan")
         scores = self._scores(self._image)
         counts = self._scored_in(self._found[0], scores.shape)
+        whole = int(counts.sum())
         if others is not None:
             counts &= ~others[:: self._grid_px, :: self._grid_px]
         score = scores[counts]
         known = score[score != 0]
-        return float((known > 0).mean()) if 2 * len(known) > len(score) else float("nan")
+        enough = 2 * len(known) > len(score) and 3 * len(known) > whole
+        return float((known > 0).mean()) if enough else float("nan")
 
     def support(self) -> OutlineEvidence:
         """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
