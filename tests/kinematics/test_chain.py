@@ -31,7 +31,7 @@ seeds = st.integers(0, 2**32 - 1)
 def chain(body: Pose) -> tuple[Float64, Float64]:
     """Joints about the root, and twists."""
     x, frames, twists = np.empty((JOINTS, 3)), np.empty((JOINTS, 9)), np.empty((DOFS, 6))
-    forward(MODEL.arrays, row_of(MODEL, body), body.position, x, frames, twists, with_twists=True)
+    forward(MODEL.arrays, row_of(MODEL, body), body.position, x, frames, twists)
     return x, twists
 
 
@@ -76,6 +76,13 @@ def test_twists_are_the_derivatives_of_the_joints(seed: int) -> None:
     for i in range(DOFS):
         difference = joints(MODEL, stepped(body, i, 1e-6)) - joints(MODEL, stepped(body, i, -1e-6))
         np.testing.assert_allclose(J[:, :, i], difference / 2e-6, atol=1e-8)
+
+
+@settings(max_examples=5, deadline=None)
+@given(seeds)
+def test_without_room_for_twists_the_joints_are_the_same(seed: int) -> None:
+    body = pose(np.random.default_rng(seed))
+    np.testing.assert_allclose(joints(MODEL, body) - body.position, chain(body)[0], atol=1e-12)
 
 
 def tree_problem(seed: int) -> tuple[Float64, ...]:

@@ -215,6 +215,8 @@ def test_other_people_do_not_make_a_body_stand_out(here: bool) -> None:
     if not here:
         assert camera.stands_out(None) > 0.3, "the fault that the test must show"
     assert np.isnan(camera.stands_out(np.ones_like(mask)))
+    others[: rows[3 * len(rows) // 4]] = True
+    assert np.isnan(camera.stands_out(others)), "less than a third of the body is its own"
 
 
 def present(

@@ -183,8 +183,8 @@ class ColdStart:
         near = mutually_nearest(T, a.newest_centres(), b.newest_centres(), TOGETHER_M)
         together = near.sum(axis=(1, 2)).tolist()
         counts = {keys[i]: count for i, count in zip(known, together, strict=False)}
-        _, _, first = max(zip(counts.values(), (-residuals[known]).tolist(), range(0, -len(known), -1), strict=True))
-        key = keys[known[-first]]
+        scores = list(zip(counts.values(), (-residuals[known]).tolist(), strict=True))
+        key = keys[known[scores.index(max(scores))]]
         rivals = [n for other, n in counts.items() if other != key and (other[0] == key[0]) != (other[1] == key[1])]
         swapped = counts.get((*key[:2], not key[2]), 0)
         known_count = together[-1] if believed is not None else 0

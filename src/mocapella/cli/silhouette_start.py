@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -49,6 +50,21 @@ class StartWishes:
     models: Sequence[str] = ()
     heights: Sequence[str] = ()
     order: str = "BODY_25B"
+
+    @cached_property
+    def tracks(self) -> dict[str, tuple[Path, ImageTracks]]:
+        """First path and keypoints by person's name; the files are read once.
+
+        Raises:
+            SettingsError, InputError: a person's name is invalid, or the keypoints cannot be read.
+        """
+        from mocapella.recording.image_tracks_file import read_image_tracks
+
+        paths: dict[str, list[Path]] = {}
+        for text in self.points:
+            name, value = _person_and_value(text)
+            paths.setdefault(name, []).append(Path(value))
+        return {name: (one[0], read_image_tracks(_folders(one), order=self.order)) for name, one in paths.items()}
 
 
 @dataclass(frozen=True)
@@ -141,30 +157,18 @@ def find_later(wishes: StartWishes, rig: CameraRig, frames: Frames, rate_hz: flo
     """
     from mocapella.tracker.silhouette_start import later_joints
 
-    read = _tracks(wishes) if wishes.points else {}
-    return {name: later_joints(tracks, rig, frames.first, rate_hz) for name, (_, tracks) in read.items()}
+    return {name: later_joints(tracks, rig, frames.first, rate_hz) for name, (_, tracks) in wishes.tracks.items()}
 
 
 def _of_points(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str, _Found | _Earlier]:
     from mocapella.tracker.silhouette_start import joints_of_points
 
     found: dict[str, _Found | _Earlier] = {}
-    for name, (path, tracks) in _tracks(wishes).items():
+    for name, (path, tracks) in wishes.tracks.items():
         for note in tracks.notes:
             say(f"{path}: {note}")
         found[name] = _Found(path, joints_of_points(tracks, rig, frames.first), _Wish(None, None))
     return found
-
-
-def _tracks(wishes: StartWishes) -> dict[str, tuple[Path, ImageTracks]]:
-    """Read the keypoints of each person; return the first path and the tracks."""
-    from mocapella.recording.image_tracks_file import read_image_tracks
-
-    paths: dict[str, list[Path]] = {}
-    for text in wishes.points:
-        name, value = _person_and_value(text)
-        paths.setdefault(name, []).append(Path(value))
-    return {name: (one[0], read_image_tracks(_folders(one), order=wishes.order)) for name, one in paths.items()}
 
 
 def _of_files(wishes: StartWishes, frames: Frames) -> dict[str, _Found | _Earlier]:

@@ -125,8 +125,8 @@ def reaching(model: ArmModel, pose: ArmPose, end: Float64) -> Iterator[tuple[Arm
 
 
 EXPLAINED_M: Final = 0.015
-"""Distance from a fingertip below which it explains the end of a branch [m]; in rendered images with seeds 1000 to 1059
-before a Kinect, 90 % of the ends of true fingers are within 9 mm."""
+"""Distance from a fingertip below which it explains the end of a branch [m]: less than the width of a finger, and more
+than a branch ends before or behind the true tip in most images before a Kinect."""
 REACHED_M: Final = 0.03
 """Distance from the end of a branch within which a digit's nearest posture must have its tip [m]."""
 _MOST: Final = 24

@@ -45,7 +45,7 @@ class FusionSettings:
         sd_m: standard deviation of a tracked joint's coordinate at a distance of 2 m; it grows with the square of the
             distance; larger: the prediction counts more, with less jitter and more lag [m].
         inferred_factor: factor of the standard deviation of an inferred joint; larger: inferred joints count less. Of a
-            Kinect v2 it is 1.9, as a geometric mean over joints and directions (the table `sd_m` of
+            Kinect v2 it is smaller, as a geometric mean over joints and directions (the table `sd_m` of
             ``kinect_v2_measured.json``); with 2, postures with most joints inferred are taken for measured [ratio].
         clipped_factor: factor of the standard deviation for a body that is cut off at an edge of the image; larger:
             such a view counts less [ratio].

@@ -174,8 +174,8 @@ def row_of(model: ArticulatedModel, pose: Pose) -> Float64:
 def joints(model: ArticulatedModel, pose: Pose) -> Float64:
     """Compute the joints of a pose, by forward kinematics: (joints, 3) world [m]."""
     count = len(model.order)
-    x, frames, twists = np.empty((count, 3)), np.empty((count, 9)), np.empty((model.layout.dofs, 6))
-    _kernels().forward(model.arrays, row_of(model, pose), np.zeros(3), x, frames, twists, False)
+    x, frames, no_twists = np.empty((count, 3)), np.empty((count, 9)), np.empty((0, 6))
+    _kernels().forward(model.arrays, row_of(model, pose), np.zeros(3), x, frames, no_twists)
     return x
 
 

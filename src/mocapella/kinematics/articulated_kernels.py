@@ -74,7 +74,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
         work[i] = row[i]
     scale_bones(layout, work, predicted_scale(work, at_s - row[at.AT], model.parameters.scale_s))
     advance(model, work, at_s)
-    _place(model, work, origin, positions, R, xi, True)
+    _place(model, work, origin, positions, R, xi)
     independent(
         model.joint_table, model.order, xi, work, layout.variance, positions, np.empty((layout.joints, 10)), variances
     )
@@ -85,13 +85,11 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _place(
-    model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64, with_twists: bool
-) -> None:
+def _place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
     """Compute joints, frames and twists of a memory row about its root, whose position is written into origin (3,)."""
     for k in range(3):
         origin[k] = row[model.layout.angles + k]
-    forward(model, row, origin, x, R, xi, with_twists)
+    forward(model, row, origin, x, R, xi)
 
 
 @njit(cache=True, error_model="numpy")
@@ -186,7 +184,7 @@ def _fit(
     x, residuals, weights = positions, frame.residuals, frame.weights
     pull, surprise, seen = 1.0 / model.parameters.rest_sd**2 * dt, 0.0, 0
     steps = 2 if known else FIRST_STEPS
-    _place(model, row, origin, x, R, xi, True)
+    _place(model, row, origin, x, R, xi)
     independent(joint_table, order, xi, row, layout.variance, x, C, variances)
     for step in range(steps):
         seen = 0
@@ -216,7 +214,7 @@ def _fit(
             total[i] += delta[i]
             largest = max(largest, abs(delta[i]))
         done = step + 1 == steps or (known and largest < LARGE_STEP)
-        _place(model, row, origin, x, R, xi, not done)
+        _place(model, row, origin, x, R, xi[:0] if done else xi)
         if done:
             break
     return surprise, seen

@@ -85,12 +85,12 @@ def initialise(model: BodyArrays, row: Float64, at_s: float, measured: Float64, 
 def _align_torso(model: BodyArrays, row: Float64, measured: Float64, variances: Float64) -> None:
     """Move the root so that the torso at rest fits its measured joints."""
     layout, joints = model.layout, model.layout.joints
-    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 9)), np.empty((layout.dofs, 6)), np.empty(3)
+    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 9)), np.empty((0, 6)), np.empty(3)
     moments, T = np.empty(50), np.empty((4, 4))
     p, still, w, order = np.empty((joints, 3)), np.empty((joints, 3)), np.empty(joints), np.empty(joints, np.int64)
     _fill(moments, 0, 50, 0.0)
     _fill(origin, 0, 3, 0.0)
-    forward(model, row, origin, x, R, xi, False)
+    forward(model, row, origin, x, R, xi)
     for j in range(joints):
         used = model.joint_values[j, 10] > 0.0 and is_measured(measured, variances, j)
         w[j], order[j] = 1.0 if used else 0.0, j
@@ -108,14 +108,14 @@ def _align_torso(model: BodyArrays, row: Float64, measured: Float64, variances: 
 def _point_bones(model: BodyArrays, row: Float64, measured: Float64, variances: Float64) -> None:
     """Rotate the ball joints so that their bones point along the measured ones, from the root outwards."""
     layout, joints = model.layout, model.layout.joints
-    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 9)), np.empty((layout.dofs, 6)), np.empty(3)
+    x, R, xi, origin = np.empty((joints, 3)), np.empty((joints, 9)), np.empty((0, 6)), np.empty(3)
     d, S, within, rest = np.empty(3), np.empty(9), np.empty(9), model.joint_values
     _fill(origin, 0, 3, 0.0)
     for o in range(joints):
         j = model.order[o]
         ball, parent = model.joint_table[j, 3], model.joint_table[j, 0]
         if ball > 0 and is_measured(measured, variances, j) and is_measured(measured, variances, parent):
-            forward(model, row, origin, x, R, xi, False)
+            forward(model, row, origin, x, R, xi)
             for r in range(3):
                 d[r] = 0.0
                 for c in range(3):

@@ -104,10 +104,16 @@ def limited(joint_values: Float64, j: int, slack: float, B: Float64, out: Float6
     return True
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _write_twist(xi: Float64, i: int, u: float, v: float, w: float, vx: float, vy: float, vz: float) -> None:
+    """Write the twist (ω, v) of the degree of freedom i into xi (dofs, 6), if it has that row."""
+    if i < len(xi):
+        xi[i, 0], xi[i, 1], xi[i, 2] = u, v, w
+        xi[i, 3], xi[i, 4], xi[i, 5] = vx, vy, vz
+
+
 @njit(cache=True, error_model="numpy")
-def forward(
-    model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64, with_twists: bool
-) -> None:
+def forward(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
     """Compute joints, bone frames and twists of the pose in a memory row, about an origin.
 
     Args:
@@ -116,8 +122,7 @@ def forward(
         origin: (3,) world [m].
         x: (joints, 3) written: joints relative to the origin, with the world's axes [m].
         R: (joints, 9) written: rotations from the bones' frames to the world, row by row.
-        xi: (dofs, 6) written if ``with_twists``: twists (ω, v) of the degrees of freedom about the origin.
-        with_twists: whether they are wanted.
+        xi: (dofs, 6) written: twists (ω, v) of the degrees of freedom about the origin; (0, 6) if none are wanted.
     """
     joint_table, joint_values, dof_kind = model.joint_table, model.joint_values, model.dof_kind
     angles, bones = model.layout.angles, model.layout.bones
@@ -131,11 +136,9 @@ def forward(
             a0, a1, a2 = row[b], row[b + 1], row[b + 2]
             a3, a4, a5 = row[b + 3], row[b + 4], row[b + 5]
             a6, a7, a8 = row[b + 6], row[b + 7], row[b + 8]
-            for i in range(3):
-                xi[i, 0] = xi[i, 1] = xi[i, 2] = 0.0
-            xi[0, 3], xi[0, 4], xi[0, 5] = a0, a3, a6
-            xi[1, 3], xi[1, 4], xi[1, 5] = a1, a4, a7
-            xi[2, 3], xi[2, 4], xi[2, 5] = a2, a5, a8
+            _write_twist(xi, 0, 0.0, 0.0, 0.0, a0, a3, a6)
+            _write_twist(xi, 1, 0.0, 0.0, 0.0, a1, a4, a7)
+            _write_twist(xi, 2, 0.0, 0.0, 0.0, a2, a5, a8)
             first = 3
         else:
             ox, oy, oz = x[parent, 0], x[parent, 1], x[parent, 2]
@@ -170,9 +173,7 @@ def forward(
                 a0, a1 = c * a0 + s * a1, c * a1 - s * a0
                 a3, a4 = c * a3 + s * a4, c * a4 - s * a3
                 a6, a7 = c * a6 + s * a7, c * a7 - s * a6
-            if with_twists:
-                xi[i, 0], xi[i, 1], xi[i, 2] = u, v, w
-                xi[i, 3], xi[i, 4], xi[i, 5] = oy * w - oz * v, oz * u - ox * w, ox * v - oy * u
+            _write_twist(xi, i, u, v, w, oy * w - oz * v, oz * u - ox * w, ox * v - oy * u)
         R[j, 0], R[j, 1], R[j, 2] = a0, a1, a2
         R[j, 3], R[j, 4], R[j, 5] = a3, a4, a5
         R[j, 6], R[j, 7], R[j, 8] = a6, a7, a8

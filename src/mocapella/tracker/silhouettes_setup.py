@@ -163,12 +163,13 @@ def body_setup(
         dict(zip(body.mesh.joint_names, pose.angles.tolist(), strict=True)),
     )
     mesh = base64.b64encode(mesh_file).decode("ascii")
-    plain = dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, body.proportions.known, mesh))
-    del plain["later"]
-    if later:
-        plain["later"] = [
-            {"at_s": one.at_s, "joints": {k: at.tolist() for k, at in one.joints.items()}} for one in later
-        ]
+    instants = tuple(
+        LaterJointsSetup(one.at_s, {joint: tuple(at.tolist()) for joint, at in one.joints.items()}) for one in later
+    )
+    known = body.proportions.known
+    plain = dataclasses.asdict(BodySetup(start, name, body.model, body.height_m, known, mesh, instants))
+    if not later:
+        del plain["later"]
     return plain
 
 
