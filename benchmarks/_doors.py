@@ -196,7 +196,6 @@ def _texts() -> list[Door]:
 
 
 def _files(folder: Path) -> list[Door]:
-    from mocapella.evaluation.point_references import trc_points
     from mocapella.fusion import facing_model, joint_bias
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.model.space import load_space
@@ -206,6 +205,7 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.recording.measured_distances import read_measured_distances
     from mocapella.recording.point_recordings import read_point_recording
     from mocapella.recording.study_log import read_study_log
+    from mocapella.recording.trc_file import read_trc
     from mocapella.sources.body_replay import BodyReplay
     from mocapella.sources.depth_files import read_depth_png, read_sidecar
     from mocapella.sources.simulate.bvh import read_bvh
@@ -242,7 +242,7 @@ def _files(folder: Path) -> list[Door]:
         of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
                  read_sidecar, TEXT),
         of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
-        of_file("TRC", folder / "walk.trc", [seeds.TRC], trc_points, TEXT),
+        of_file("TRC", folder / "walk.trc", [seeds.TRC], read_trc, TEXT),
         of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],
                  facing_model.read_model, TEXT, share=0.02),
         of_file("bias models", folder / "bias.json", [seeds.shipped("joint_bias.json")],

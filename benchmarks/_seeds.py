@@ -47,7 +47,9 @@ Frames: 1
 Frame Time: 0.01
 0 1 0 0 0 0
 """
-TRC: Final = b"PathFileType\t4\nx\ny\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n"
+TRC: Final = (
+    b"PathFileType\t4\nDataRate\tUnits\n30\tm\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n2\t0.1\t\t\t\n"
+)
 OPENPOSE: Final = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
 CALISCOPE: Final = b"sync_index,point_id,x_coord,y_coord,z_coord\n0,0,1,2,3\n1,0,1,2,3.5\n"
 _COLOUR: Final = (

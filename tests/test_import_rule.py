@@ -42,6 +42,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "studies": TRACKER | {"recording", "schema"},
     "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "supervision"},
     "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live", "supervision"},
+    "library": MODEL | EDGES | {"schema", "supervision"},
     "testing": TRACKER | {"schema", "sources", "wire"},
 }
 """Which rooms a room may import, beside itself; none may import `testing`. `docs/decisions/0001-rooms.md` says why."""

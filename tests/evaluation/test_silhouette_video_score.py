@@ -48,7 +48,7 @@ def clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
     def points(path: Path) -> Any:
         made.read.append(path)
-        return ["Other", *SCORED], made.reference
+        return SimpleNamespace(keypoints=("Other", *SCORED), positions=made.reference[:, None])
 
     def see(body: Any, vertices: int, camera: str, *, step_px: int, margin_px: int) -> Any:
         made.margins.append(margin_px)
@@ -59,7 +59,7 @@ def clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         return SimpleNamespace(silhouette=SimpleNamespace(mask=lambda size: mask if size == (8, 6) else None))
 
     monkeypatch.setattr(module, "rig_of", lambda _: SimpleNamespace(cameras=cameras))
-    monkeypatch.setattr(module, "trc_points", points)
+    monkeypatch.setattr(module, "read_trc", points)
     monkeypatch.setattr(module, "read_image_tracks", tracks)
     monkeypatch.setattr(module, "read_whole", lambda *_, **__: b"")
     monkeypatch.setattr(module, "decode_toml", lambda *_, **__: {"outline": made.outlines})

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mocapella.recording.take_reader import Take
 
 
-def csv(
+def study_log(
     take: TakeArgument,
     out: Annotated[
         Path | None,
@@ -55,9 +55,9 @@ def csv(
 ) -> None:
     """Write the study log: the thesis' 87 columns, a row for each sensor's view of each person.
 
-    A log is never overwritten. docs/study-log.md describes the columns. `mocapella export json` writes fused joints.
+    A log is never overwritten. docs/study-log.md describes the columns. `mocapella export csv` writes the fused people.
 
-    Example:  mocapella export csv walk-1 --every 2
+    Example:  mocapella export study-log walk-1 --every 2
     """
     import dataclasses
     import os

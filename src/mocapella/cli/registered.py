@@ -5,6 +5,7 @@ A command's module is imported when it runs or prints its help; a list of comman
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,14 @@ class RegisteredVerbs(TyperGroup):
         from mocapella.registry import load
 
         one = typer.Typer(add_completion=False, rich_markup_mode=self.rich_markup_mode, pretty_exceptions_enable=False)
-        one.command(name, cls=self.verb_class)(load(self.table().find(name).command))
+        descriptor = self.table().find(name)
+        function = load(descriptor.command)
+        one.command(name, cls=self.verb_class, help=self.help_of(descriptor, inspect.getdoc(function) or ""))(function)
         return typer.main.get_command(one)
+
+    def help_of(self, descriptor: Any, doc: str) -> str:
+        """Return a command's help, given the docstring of its function."""
+        return doc
 
 
 class NodeVerbs(RegisteredVerbs):
@@ -78,10 +85,11 @@ class _ExportVerb(TyperCommand):
         from mocapella.cli import DAMAGED
         from mocapella.cli.recordings import open_take, tell_left_out
 
-        take = Path(ctx.params["take"])  # typer converts it later
-        tell_left_out(str(self.name), take)
+        takes = [Path(take) for take in ctx.params.get("takes") or [ctx.params["take"]]]  # typer converts them later
+        for take in takes:
+            tell_left_out(str(self.name), take)
         result = super().invoke(ctx)
-        if open_take(take).damaged:
+        if any(open_take(take).damaged for take in takes):
             raise typer.Exit(DAMAGED)
         return result
 
@@ -93,6 +101,14 @@ class ExportVerbs(RegisteredVerbs):
     """
 
     verb_class = _ExportVerb
+
+    def help_of(self, descriptor: Any, doc: str) -> str:
+        """Return the export's summary before the docstring that several exports share."""
+        return (
+            f"{descriptor.summary}\n\n{doc.replace('export trc', f'export {descriptor.name}')}"
+            if descriptor.write
+            else doc
+        )
 
     def table(self) -> Any:
         """The table of exports."""

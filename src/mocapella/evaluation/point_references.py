@@ -12,12 +12,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.decoding import FAULTS, MOST_TABLE_BYTES, decode_csv, decode_text, read_whole
+from mocapella.decoding import MOST_TABLE_BYTES, decode_csv, read_whole
 from mocapella.errors import InputError
 from mocapella.fusion.point_tracks import TracksSettings, triangulate_tracks
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.point_tracks import SpaceTracks
 from mocapella.recording.image_tracks_file import read_image_tracks
+from mocapella.recording.trc_file import read_trc
 
 Float64 = NDArray[np.float64]
 
@@ -152,24 +153,6 @@ def single_person(folder: Path, settings: TracksSettings = WEIGHTED_LINEAR) -> A
     tracks = read_image_tracks(sorted((folder / "pose-associated").glob("*_json")))
     space, _ = triangulate_tracks(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"), settings)
     (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
-    names, reference = trc_points(path)
-    ours = space.positions[: len(reference), [space.points.index(name) for name in names]]
-    return agreement(ours, reference[..., [2, 0, 1]])  # its Y is the world's z
-
-
-def trc_points(path: Path) -> tuple[list[str], Float64]:
-    """Read the names of a TRC's markers and their points (frames, markers, 3), in its unit; NaN for empty cells.
-
-    Raises:
-        InputError: it cannot be read, or is no TRC.
-    """
-    fix = "give a TRC of Pose2Sim"
-    text = decode_text(read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES), file=path, fix=fix)
-    try:
-        lines = text.splitlines()
-        names = [name for name in lines[3].split("\t")[2:] if name]
-        cells = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()]
-        points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
-        return names, points.reshape(len(cells), len(names), 3)
-    except FAULTS as error:
-        raise InputError(f"is no TRC: {error}", file=path, fix=fix) from None
+    reference = read_trc(path)
+    ours = space.positions[: len(reference), [space.points.index(name) for name in reference.keypoints]]
+    return agreement(ours, reference.positions[:, 0][..., [2, 0, 1]])  # its Y is the world's z

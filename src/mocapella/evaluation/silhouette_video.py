@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.decoding import decode_toml, read_whole
-from mocapella.evaluation.point_references import trc_points
 from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import Figure, Outline, eye, see
 from mocapella.model.camera import CameraRig
@@ -24,6 +23,7 @@ from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.rigged_mesh import posed
 from mocapella.model.silhouettes import overlap
 from mocapella.recording.image_tracks_file import read_image_tracks
+from mocapella.recording.trc_file import read_trc
 from mocapella.sources.video import pictures
 from mocapella.sources.video_set import VideoSet
 from mocapella.tracker.body_fitter import FittedBody
@@ -148,8 +148,9 @@ def score_video(
     names = list(body.mesh.landmarks)
     rig = rig_of(folder)
     (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
-    markers, reference = trc_points(path)
-    theirs = reference[: len(followed), [markers.index(name) for name in SCORED]][..., [2, 0, 1]]
+    reference = read_trc(path)
+    markers = [reference.keypoints.index(name) for name in SCORED]
+    theirs = reference.positions[: len(followed), 0][:, markers][..., [2, 0, 1]]
     ours = np.array([one.landmarks for one in followed])[:, [names.index(LANDMARKS[name]) for name in SCORED]]
     far = 1000.0 * np.linalg.norm(ours[: len(theirs)] - theirs, axis=-1)
     joints = dict(zip(SCORED, np.nanmedian(far, axis=0).tolist(), strict=True))

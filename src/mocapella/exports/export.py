@@ -19,7 +19,12 @@ class Export:
         summary: description of the output, in one line.
         parts: names of the types of scene parts that the file contains; None for all types.
         command: ``module:function`` of the typer command that writes the file; its argument ``take`` is the take's
-            path. The module is imported when the subcommand runs.
+            path, or ``takes`` several. The module is imported when the subcommand runs.
+        write: ``module:function`` that writes trajectories to a path, ``write(trajectories, path)``, for `TRAJECTORIES`
+            as the command, which has all options and names the files.
+        suffix: ending of such a file, such as ``.trc``.
+        alone: whether such a file has one individual only.
+        constant_rate: whether such a file has a constant frame rate.
     """
 
     interface: int
@@ -27,8 +32,14 @@ class Export:
     summary: str
     parts: tuple[str, ...] | None
     command: str
+    write: str = ""
+    suffix: str = ""
+    alone: bool = False
+    constant_rate: bool = False
 
 
+TRAJECTORIES: Final = "mocapella.cli.export_trajectories:export"
+"""The command of exports that only write trajectories."""
 EXPORTS: Final = Table("mocapella.exports", Export, "export")
 """All registered exports by name."""
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from mocapella.exports.export import Export
+from mocapella.exports.export import TRAJECTORIES, Export
+from mocapella.model.trajectories import PARTS
 
-CSV: Final = Export(
+STUDY_LOG: Final = Export(
     interface=1,
-    name="csv",
+    name="study-log",
     summary="The study log: the thesis' 87 columns, a row for each sensor's view of each person.",
     parts=("people",),
-    command="mocapella.cli.export:csv",
+    command="mocapella.cli.export:study_log",
 )
 ARMS: Final = Export(
     interface=1,
@@ -27,3 +28,34 @@ JSON: Final = Export(
     parts=None,
     command="mocapella.cli.export:json_lines",
 )
+
+
+def _trajectories(name: str, summary: str, write: str, suffix: str, *, alone: bool = False) -> Export:
+    return Export(
+        1, name, summary, tuple(PARTS), TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, constant_rate=alone
+    )
+
+
+CSV: Final = _trajectories(
+    "csv", "Table: a row for each keypoint of each frame, with its state and uncertainty.",
+    "trajectory_tables:write_csv", ".csv",
+)  # fmt: skip
+CSV_WIDE: Final = _trajectories(
+    "csv-wide", "Table: a row for each frame, with columns for all keypoints.", "trajectory_tables:write_wide_csv",
+    ".wide.csv",
+)  # fmt: skip
+PARQUET: Final = _trajectories(
+    "parquet", "The table of csv as Parquet, for polars, pandas and R.", "trajectory_tables:write_parquet", ".parquet"
+)
+NPZ: Final = _trajectories("npz", "All arrays, for numpy.load.", "trajectory_arrays:write_npz", ".npz")
+NETCDF: Final = _trajectories(
+    "netcdf", "A data set in the layout of movement, for xarray.", "trajectory_arrays:write_netcdf", ".nc"
+)
+TRC: Final = _trajectories(
+    "trc", "Markers for OpenSim: one individual, constant rate, metres, Y up.", "trc_file:write_trc", ".trc",
+    alone=True,
+)  # fmt: skip
+C3D: Final = _trajectories(
+    "c3d", "Points for biomechanics: one individual, constant rate, millimetres.", "c3d_file:write_c3d", ".c3d",
+    alone=True,
+)  # fmt: skip

@@ -1,0 +1,164 @@
+"""Tables of trajectories: long ones with a row for each keypoint, and wide ones with a row for each frame."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.conventions import NOT_AVAILABLE
+from mocapella.exports.arm_rows import STATES
+from mocapella.exports.needs import needed
+from mocapella.model.names import as_cell
+from mocapella.model.trajectories import Trajectories
+
+LABELS: Final = ("participant", "placement", "scenario")
+"""Columns of a run's labels; missing ones are empty."""
+COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "keypoint", "state", "x_m", "y_m", "z_m", "sd_m")
+"""Columns of a long table."""
+ROWS_AT_ONCE: Final = 4096
+"""Number of frames that are turned into rows at a time, so that memory stays small."""
+
+
+def long_columns(trajectories: Trajectories) -> dict[str, Any]:
+    """Return a long table as arrays by name, in the order of `COLUMNS`.
+
+    Each keypoint of each individual that is present in a frame has a row, in the order of frames, individuals and
+    keypoints. ``state`` is measured, inferred or unknown; unknown coordinates [m] are NaN, and missing labels are
+    empty texts, as is a participant of −9999.
+    """
+    frames, people = np.nonzero(trajectories.present)
+    points = len(trajectories.keypoints)
+    each = np.repeat(np.arange(len(frames)), points)
+    keypoints = np.tile(np.arange(points), len(frames))
+    f, i = frames[each], people[each]
+    where = (f, i, keypoints)
+    x, y, z = np.moveaxis(trajectories.positions[where], -1, 0)
+    runs = trajectories.runs[f]
+    return {
+        "time_s": trajectories.times_s[f],
+        "run": runs,
+        **{label: _labels(trajectories, label, runs) for label in LABELS},
+        "individual": _texts(trajectories.individuals, i),
+        "keypoint": _texts(trajectories.keypoints, keypoints),
+        "state": _texts(STATES, trajectories.states[where]),
+        "x_m": x,
+        "y_m": y,
+        "z_m": z,
+        "sd_m": trajectories.sd[where],
+    }
+
+
+def _texts(names: Sequence[str], places: Any) -> Any:
+    return np.asarray(names, dtype=object)[places]
+
+
+def _labels(trajectories: Trajectories, label: str, runs: Any) -> Any:
+    known, places = np.unique(runs, return_inverse=True)
+    values = [trajectories.labels.get(int(run), {}).get(label, "") for run in known]
+    return _texts(["" if value == NOT_AVAILABLE else str(value) for value in values] or [""], places)
+
+
+def wide_names(trajectories: Trajectories) -> list[str]:
+    """Return the columns of a wide table after ``time_s`` and ``run``: individual, keypoint and axis with dots.
+
+    Each keypoint has ``….x_m``, ``….y_m``, ``….z_m`` and ``….state``.
+    """
+    return [
+        f"{person}.{keypoint}.{value}"
+        for person in trajectories.individuals
+        for keypoint in trajectories.keypoints
+        for value in ("x_m", "y_m", "z_m", "state")
+    ]
+
+
+def write_csv(trajectories: Trajectories, path: Path) -> None:
+    """Write the long table as CSV; unknown values are empty.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for some in _in_steps(trajectories):
+            columns = long_columns(some)
+            texts = [
+                _decimals(columns["time_s"], 6),
+                columns["run"].tolist(),
+                *(list(map(as_cell, columns[label])) for label in (*LABELS, "individual", "keypoint", "state")),
+                *(_decimals(columns[axis], 5) for axis in ("x_m", "y_m", "z_m", "sd_m")),
+            ]
+            writer.writerows(zip(*texts, strict=True))
+
+
+def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
+    """Write the wide table as CSV, a row for each frame; unknown values are empty.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", "run", *map(as_cell, wide_names(trajectories))])
+        for some in _in_steps(trajectories):
+            cells = np.empty((len(some), len(some.individuals), len(some.keypoints), 4), dtype=object)
+            cells[..., :3] = np.reshape(_decimals(some.positions.ravel(), 5), some.positions.shape)
+            cells[..., 3] = _texts(STATES, some.states)
+            columns = zip(_decimals(some.times_s, 6), some.runs.tolist(), cells.reshape(len(some), -1), strict=True)
+            writer.writerows([time, run, *row] for time, run, row in columns)
+
+
+def _in_steps(trajectories: Trajectories) -> Iterator[Trajectories]:
+    for begin in range(0, len(trajectories), ROWS_AT_ONCE):
+        yield trajectories.at(slice(begin, begin + ROWS_AT_ONCE))
+
+
+def _decimals(values: Any, digits: int) -> list[str]:
+    return ["" if math.isnan(value) else f"{value:.{digits}f}" for value in values.tolist()]
+
+
+def as_polars(trajectories: Trajectories) -> Any:
+    """Return the long table as a polars data frame; texts are categories, and unknown numbers are null.
+
+    Raises:
+        SettingsError: polars is not installed; names the extra.
+    """
+    polars = needed("polars")
+    columns = long_columns(trajectories)
+    texts = (*LABELS, "individual", "keypoint", "state")
+    frame = polars.DataFrame(
+        {
+            name: polars.Series(name, column.tolist(), dtype=polars.Categorical) if name in texts else column
+            for name, column in columns.items()
+        }
+    )
+    return frame.with_columns(polars.selectors.float().fill_nan(None))
+
+
+def as_pandas(trajectories: Trajectories) -> Any:
+    """Return the long table as a pandas data frame; texts are categories, and unknown numbers are NaN.
+
+    Raises:
+        SettingsError: pandas is not installed; names the extra.
+    """
+    pandas = needed("pandas")
+    columns = long_columns(trajectories)
+    texts = (*LABELS, "individual", "keypoint", "state")
+    return pandas.DataFrame(
+        {name: pandas.Categorical(column) if name in texts else column for name, column in columns.items()}
+    )
+
+
+def write_parquet(trajectories: Trajectories, path: Path) -> None:
+    """Write the long table as Parquet.
+
+    Raises:
+        SettingsError: polars is not installed; names the extra.
+        OSError: the file cannot be written.
+    """
+    as_polars(trajectories).write_parquet(path)

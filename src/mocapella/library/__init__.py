@@ -1,0 +1,1 @@
+"""Mocapella as a Python library: what ``import mocapella`` offers."""

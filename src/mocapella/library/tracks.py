@@ -1,0 +1,118 @@
+"""Trajectories as other libraries take them: xarray, pandas, polars and matplotlib."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from mocapella.errors import SettingsError, one_of
+from mocapella.exports.needs import needed
+from mocapella.exports.trajectory_arrays import as_dataset
+from mocapella.exports.trajectory_tables import as_pandas, as_polars
+from mocapella.model.observations import JointState
+from mocapella.model.resampling import resampled
+from mocapella.model.trajectories import Trajectories
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracks(Trajectories):
+    """Keypoints of several individuals over time, with their states and uncertainties; see `Trajectories`."""
+
+    source: str = ""
+
+    @staticmethod
+    def of_file(trajectories: Trajectories, source: str) -> Tracks:
+        """Return trajectories as tracks that know the file they are from."""
+        return Tracks(**{one.name: getattr(trajectories, one.name) for one in fields(Trajectories)}, source=source)
+
+    def at_rate(self, rate_hz: float | None = None) -> Tracks:
+        """Return the tracks at a constant rate, as `mocapella.model.resampling.resampled` does [Hz].
+
+        Raises:
+            SettingsError: the rate is out of range.
+        """
+        return Tracks.of_file(resampled(self, rate_hz), self.source)
+
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` in the layout of ``movement``.
+
+        Its dimensions are time, space, keypoints and individuals; its variables ``position`` [m], ``confidence`` (1
+        measured, 0.5 inferred, 0 unknown), ``sd`` [m], ``state``, and ``angle`` [rad] where there are angles.
+
+        Raises:
+            SettingsError: xarray is not installed; names the extra.
+        """
+        return as_dataset(self, self.source)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with a row for each keypoint of each individual that is present in a frame.
+
+        Raises:
+            SettingsError: pandas is not installed; names the extra.
+        """
+        return as_pandas(self)
+
+    def to_polars(self) -> Any:
+        """Return a `polars.DataFrame` with the rows of `to_pandas`.
+
+        Raises:
+            SettingsError: polars is not installed; names the extra.
+        """
+        return as_polars(self)
+
+    def plot(self, keypoint: str | None = None) -> Any:
+        """Return a matplotlib figure of one keypoint's coordinates over time, for each individual.
+
+        Measured samples are lines; inferred ones are dots.
+
+        Args:
+            keypoint: name of the keypoint; None for the first.
+
+        Raises:
+            SettingsError: the keypoint is unknown, or matplotlib is not installed.
+        """
+        name = self.keypoints[0] if keypoint is None else keypoint
+        if name not in self.keypoints:
+            raise SettingsError(f"no keypoint {name!r}; known: {one_of(name, self.keypoints)}")
+        k = self.keypoints.index(name)
+        figure = needed("matplotlib.figure", extra="plots").Figure(figsize=(8.0, 6.0), layout="constrained")
+        axes = figure.subplots(3, 1, sharex=True)
+        for axis, letter in enumerate("xyz"):
+            for i, individual in enumerate(self.individuals):
+                values, states = self.positions[:, i, k, axis], self.states[:, i, k]
+                (line,) = axes[axis].plot(
+                    self.times_s, np.where(states == JointState.TRACKED, values, np.nan), label=individual
+                )
+                inferred = states == JointState.INFERRED
+                axes[axis].plot(self.times_s[inferred], values[inferred], ".", ms=2, color=line.get_color(), alpha=0.5)
+            axes[axis].set_ylabel(f"{letter} [m]")
+        axes[0].set_title(f"{name} (dots: inferred)")
+        axes[0].legend(loc="upper right", fontsize="small")
+        axes[2].set_xlabel("time [s]")
+        return figure
+
+    def __repr__(self) -> str:
+        seconds = float(self.times_s[-1] - self.times_s[0]) if len(self) else 0.0
+        return (
+            f"<{self.kind}: {', '.join(self.individuals)}; {len(self.keypoints)} keypoints, {len(self)} frames in "
+            f"{seconds:.1f} s>"
+        )
+
+    def _repr_html_(self) -> str:
+        shares = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{present.mean():.0%}</td><td>{measured:.0%}</td></tr>"
+            for name, present, measured in zip(self.individuals, self.present.T, self._measured(), strict=True)
+        )
+        head = "<tr><th>individual</th><th>frames present</th><th>keypoints measured while present</th></tr>"
+        return f"<p>{html.escape(repr(self))}</p><table>{head}{shares}</table>"
+
+    def _measured(self) -> list[float]:
+        tracked = self.states == JointState.TRACKED
+        present = self.present
+        return [
+            float(tracked[present[:, i], i].mean()) if present[:, i].any() else 0.0
+            for i in range(len(self.individuals))
+        ]

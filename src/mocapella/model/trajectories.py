@@ -1,0 +1,345 @@
+"""Trajectories: named keypoints of several individuals over time, as arrays, and how scenes are turned into them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, one_of
+from mocapella.geometry.rigid import apply, inverse
+from mocapella.model.arms import ARM_POINTS, PALM
+from mocapella.model.hand import ANGLES, LANDMARKS, PARENTS
+from mocapella.model.observations import JointState
+from mocapella.model.scene import Person, Scene
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+Bones = tuple[tuple[int, int], ...]
+
+HAND_BONES: Final[Bones] = tuple((parent, child) for child, parent in enumerate(PARENTS) if parent >= 0)
+ARM_POINT_BONES: Final[Bones] = (*HAND_BONES, (0, PALM), (PALM + 1, 0))
+ORIGIN: Final = "origin"
+"""Name of an object's only keypoint."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Keypoints of several individuals over time, in the world.
+
+    Attributes:
+        kind: name of the type of scene part, such as ``people``.
+        times_s: (frames,) capture times since ``began_unix_ns``, strictly rising [s].
+        runs: (frames,) number of the tracker's run.
+        individuals: names, such as ``person_1``.
+        keypoints: names of the keypoints.
+        positions: (frames, individuals, keypoints, 3), world [m]; NaN where unknown.
+        states: (frames, individuals, keypoints) `JointState`; not tracked where an individual is absent.
+        sd: (frames, individuals, keypoints) float32, standard deviation of a coordinate [m]; NaN where unknown.
+        bones: (parent, child) indices of keypoints.
+        angle_names: names of joint angles; none for kinds without a body model.
+        angles: (frames, individuals, angles) [rad]; NaN where unknown.
+        poses: (frames, individuals, 4, 4) pose in the world of an object, a palm or a body's root; NaN where unknown,
+            None for kinds without one.
+        rate_hz: median frame rate of the fastest sensor; NaN with fewer than two frames [Hz].
+        began_unix_ns: wall clock of time 0, since 1970 [ns].
+        labels: participant, placement, scenario and the like by name, of each run by its number.
+    """
+
+    kind: str
+    times_s: Float64
+    runs: Int64
+    individuals: tuple[str, ...]
+    keypoints: tuple[str, ...]
+    positions: Float64
+    states: UInt8
+    sd: Float32
+    bones: Bones = ()
+    angle_names: tuple[str, ...] = ()
+    angles: Float64 = field(default_factory=lambda: np.empty((0, 0, 0)))
+    poses: Float64 | None = None
+    rate_hz: float = math.nan
+    began_unix_ns: int = 0
+    labels: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """(frames, individuals) whether an individual has a known keypoint."""
+        return np.any(np.all(np.isfinite(self.positions), axis=3), axis=2)  # type: ignore[no-any-return]
+
+    def of(self, individuals: Sequence[str]) -> Trajectories:
+        """Return the trajectories of some individuals, in the given order.
+
+        Raises:
+            SettingsError: an individual is unknown; lists the known ones.
+        """
+        for name in individuals:
+            if name not in self.individuals:
+                raise SettingsError(f"no {name!r} among {self.kind}; known: {one_of(name, self.individuals)}")
+        return self._take(slice(None), [self.individuals.index(name) for name in individuals])
+
+    def at(self, frames: Any) -> Trajectories:
+        """Return some frames, by a slice, a boolean mask or indices (frames,)."""
+        return self._take(frames, slice(None))
+
+    def moved(self, T_to_world: Float64) -> Trajectories:
+        """Return the trajectories in another frame of coordinates.
+
+        Args:
+            T_to_world: (4, 4) rigid motion from the world to that frame, or (frames, 4, 4), one for each frame; NaN
+                makes positions and poses unknown, and their keypoints not tracked.
+        """
+        T = np.broadcast_to(T_to_world, (len(self), 4, 4))[:, None]
+        positions = apply(T, self.positions)
+        lost = ~np.all(np.isfinite(positions), axis=3)
+        return replace(
+            self,
+            positions=positions,
+            states=np.where(lost, np.uint8(JointState.NOT_TRACKED), self.states),
+            sd=np.where(lost, np.float32(np.nan), self.sd),
+            poses=None if self.poses is None else T @ self.poses,
+        )
+
+    def _take(self, frames: Any, individuals: Any) -> Trajectories:
+        chosen = np.asarray(self.individuals, dtype=object)[individuals]
+        return replace(
+            self,
+            times_s=self.times_s[frames],
+            runs=self.runs[frames],
+            individuals=tuple(map(str, chosen)),
+            positions=self.positions[frames][:, individuals],
+            states=self.states[frames][:, individuals],
+            sd=self.sd[frames][:, individuals],
+            angles=self.angles[frames][:, individuals] if self.angle_names else self.angles,
+            poses=None if self.poses is None else self.poses[frames][:, individuals],
+        )
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One individual in one scene; arrays as in `Trajectories`, without the axes of frames and individuals."""
+
+    name: str
+    keypoints: tuple[str, ...]
+    bones: Bones
+    positions: Float64
+    states: UInt8
+    sd: Float32 | None = None
+    angle_names: tuple[str, ...] = ()
+    angles: Float64 | None = None
+    pose: Float64 | None = None
+
+
+def _people(scene: Scene) -> Iterator[_Row]:
+    joints, bones = scene.topology.joints, scene.topology.bones
+    for person in scene.people:
+        yield _Row(_person_name(person), joints, bones, person.positions, person.states, person.sd)
+
+
+def _views(scene: Scene) -> Iterator[_Row]:
+    joints, bones = scene.topology.joints, scene.topology.bones
+    for person in scene.people:
+        for view in person.views:
+            if view.sensor == scene.sensor:  # the views of other sensors are of earlier scenes
+                yield _Row(f"{_person_name(person)}@{view.sensor}", joints, bones, view.positions, view.states)
+
+
+def _person_name(person: Person) -> str:
+    return person.name or f"person_{person.id}"
+
+
+def _hands(scene: Scene) -> Iterator[_Row]:
+    for hand in scene.hands:
+        name, pose = f"hand_{hand.id}_{_side(hand.left)}", hand.T_world_palm
+        yield _Row(name, LANDMARKS, HAND_BONES, hand.landmarks, hand.states, hand.sd, ANGLES, hand.angles, pose)
+
+
+def _arms(scene: Scene) -> Iterator[_Row]:
+    for arm in scene.arms:
+        name, pose = f"arm_{arm.id}_{_side(arm.left)}", arm.T_world_palm
+        yield _Row(name, ARM_POINTS, ARM_POINT_BONES, arm.points, arm.states, arm.sd, ANGLES, arm.angles, pose)
+
+
+def _side(left: bool) -> str:
+    return "left" if left else "right"
+
+
+def _bodies(scene: Scene) -> Iterator[_Row]:
+    for body in scene.bodies:
+        yield _Row(
+            body.name or f"body_{body.id}", body.landmark_names, (), body.landmarks, body.states, None,
+            body.joint_names, body.angles, body.T_world_model,
+        )  # fmt: skip
+
+
+def _objects(scene: Scene) -> Iterator[_Row]:
+    for thing in scene.objects:
+        pose = thing.T_world_object
+        position = np.full((1, 3), np.nan) if pose is None else pose[None, :3, 3]
+        yield _Row(thing.name, (ORIGIN,), (), position, np.array([thing.state], np.uint8), pose=pose)
+
+
+def _points(scene: Scene) -> Iterator[_Row]:
+    points = scene.points
+    if points is not None:
+        known = np.isfinite(points.positions).all(axis=1)
+        states = np.where(known, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8)
+        yield _Row("points", points.names, (), points.positions, states, points.sd)
+
+
+PARTS: Final[Mapping[str, Callable[[Scene], Iterator[_Row]]]] = {
+    "people": _people,
+    "hands": _hands,
+    "arms": _arms,
+    "bodies": _bodies,
+    "objects": _objects,
+    "points": _points,
+}
+"""Types of scene parts that become trajectories."""
+VIEWS: Final = "views"
+"""Kind of the trajectories of each sensor's own skeletons, such as ``person_1@front``."""
+_KINDS: Final = {**PARTS, VIEWS: _views}
+_NUMBERED: Final = re.compile(r"(person|body)_\d+(@.*)?|(hand|arm)_\d+_(left|right)")
+"""Names made of an id, which another tracker gives to other individuals."""
+
+
+class _Collected:
+    """Rows of one kind: by individual, the number of the scene and the row."""
+
+    def __init__(self) -> None:
+        self.rows: dict[tuple[int, str], list[tuple[int, _Row]]] = {}
+
+    def add(self, run: int, number: int, row: _Row) -> None:
+        self.rows.setdefault((run, row.name), []).append((number, row))
+
+
+def trajectories_of(
+    scenes: Iterable[tuple[int, int, Scene]], kinds: Sequence[str] = tuple(PARTS), *, sensor: str | None = None
+) -> dict[str, Trajectories]:
+    """Return the trajectories of a sequence of scenes, by kind; a kind without any part is left out.
+
+    Frames are in the order of their capture times; of several scenes with equal times, the last one counts. An
+    individual without a name gets one of its id, such as ``person_1``, and in a later run ``run1_person_1``,
+    because another tracker gives other ids.
+
+    Args:
+        scenes: (run, unix_ns, scene): number of the tracker's run, capture time since 1970 [ns], and the scene.
+        kinds: kinds to collect, of `PARTS`, and `VIEWS`.
+        sensor: name of the sensor whose camera space the trajectories are in, unknown while its pose is; None for the
+            world.
+
+    Raises:
+        SettingsError: no scene has a pose of the sensor; lists the known sensors.
+    """
+    collected = {kind: _Collected() for kind in kinds}
+    times: list[tuple[int, int]] = []
+    by_sensor: dict[tuple[int, str], list[int]] = {}
+    sensor_poses: list[Float64 | None] = []
+    for number, (run, unix_ns, scene) in enumerate(scenes):
+        times.append((run, unix_ns))
+        by_sensor.setdefault((run, scene.sensor), []).append(unix_ns)
+        if sensor is not None:
+            sensor_poses.append(next((one.T_world_sensor for one in scene.sensors if one.sensor == sensor), None))
+        for kind, rows in collected.items():
+            for row in _KINDS[kind](scene):
+                rows.add(run, number, row)
+    if not times:
+        return {}
+    axis = _TimeAxis.of(times, by_sensor)
+    found = {kind: _assembled(kind, some.rows, axis) for kind, some in collected.items() if some.rows}
+    if sensor is None:
+        return found
+    if all(T is None for T in sensor_poses):
+        raise SettingsError(f"no pose of a sensor {sensor!r}; sensors: {one_of(sensor, {s for _, s in by_sensor})}")
+    T = np.full((len(axis.times_s), 4, 4), np.nan)
+    for frame, T_world_sensor in zip(axis.frame_of.tolist(), sensor_poses, strict=True):
+        if frame >= 0 and T_world_sensor is not None:
+            T[frame] = inverse(T_world_sensor)
+    return {kind: some.moved(T) for kind, some in found.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _TimeAxis:
+    """Frames of the trajectories: times, runs, and the frame of each scene, −1 for a scene that is left out."""
+
+    times_s: Float64
+    runs: Int64
+    frame_of: Int64
+    rate_hz: float
+    began_unix_ns: int
+
+    @staticmethod
+    def of(times: Sequence[tuple[int, int]], by_sensor: Mapping[tuple[int, str], Sequence[int]]) -> _TimeAxis:
+        runs, at_ns = np.array(times, dtype=np.int64).T
+        order = np.argsort(at_ns, kind="stable")
+        last = np.ones(len(order), dtype=np.bool_)
+        last[:-1] = np.diff(at_ns[order]) != 0
+        kept = order[last]
+        frame_of = np.full(len(times), -1, dtype=np.int64)
+        frame_of[kept] = np.arange(len(kept))
+        began = int(at_ns.min())
+        rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := _median_step(sensor)) > 0]
+        return _TimeAxis((at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, max(rates, default=math.nan), began)
+
+
+def _median_step(times_ns: Sequence[int]) -> float:
+    return float(np.median(np.diff(np.sort(times_ns)))) if len(times_ns) > 1 else math.nan
+
+
+def _assembled(kind: str, rows: Mapping[tuple[int, str], Sequence[tuple[int, _Row]]], axis: _TimeAxis) -> Trajectories:
+    """Return the trajectories of one kind; keypoints and angles that only some rows have are unknown elsewhere."""
+    first = min(run for run, _ in rows)
+    unnamed = {name for _, name in rows if name.rpartition("_")[2].isdecimal() or name.startswith(("hand_", "arm_"))}
+    names = {(run, name): f"run{run}_{name}" if name in unnamed and run > first else name for run, name in sorted(rows)}
+    individuals = tuple(dict.fromkeys(names.values()))
+    samples = [row for own in rows.values() for _, row in own[:1]]
+    widest = max(samples, key=lambda row: len(row.keypoints))
+    keypoints = tuple(dict.fromkeys(name for row in (widest, *samples) for name in row.keypoints))
+    angle_names = tuple(dict.fromkeys(name for row in samples for name in row.angle_names))
+    shape = (len(axis.times_s), len(individuals))
+    positions = np.full((*shape, len(keypoints), 3), np.nan)
+    states, sd = np.zeros((*shape, len(keypoints)), np.uint8), np.full((*shape, len(keypoints)), np.nan, np.float32)
+    angles = np.full((*shape, len(angle_names)), np.nan) if angle_names else np.empty((0, 0, 0))
+    has_poses = kind in {"hands", "arms", "bodies", "objects"}
+    poses = np.full((*shape, 4, 4), np.nan) if has_poses else None
+    for key, own in rows.items():
+        i = individuals.index(names[key])
+        for layout in dict.fromkeys((row.keypoints, row.angle_names) for _, row in own):
+            some = [
+                (frame, row)
+                for number, row in own
+                if (row.keypoints, row.angle_names) == layout and (frame := axis.frame_of[number]) >= 0
+            ]
+            if not some:
+                continue
+            at = np.array([frame for frame, _ in some])[:, None]
+            to = np.array([keypoints.index(name) for name in layout[0]])[None]
+            positions[at, i, to] = np.stack([row.positions for _, row in some])
+            states[at, i, to] = np.stack([row.states for _, row in some])
+            sd[at, i, to] = np.stack([_or_unknown(row.sd, len(layout[0])) for _, row in some])
+            if layout[1]:
+                to = np.array([angle_names.index(name) for name in layout[1]])[None]
+                angles[at, i, to] = np.stack([_or_unknown(row.angles, len(layout[1])) for _, row in some])
+            for frame, row in some if poses is not None else ():
+                if row.pose is not None:
+                    assert poses is not None
+                    poses[frame, i] = row.pose
+    return Trajectories(
+        kind, axis.times_s, axis.runs, individuals, keypoints, positions, states, sd, widest.bones, angle_names, angles,
+        poses, axis.rate_hz, axis.began_unix_ns,
+    )  # fmt: skip
+
+
+def _or_unknown(values: Any, count: int) -> Any:
+    return np.full(count, np.nan) if values is None else values

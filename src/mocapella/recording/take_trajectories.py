@@ -1,0 +1,48 @@
+"""Trajectories of a take: the tracker's results over all its runs, with the labels of each run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from mocapella.model.scene import Scene
+from mocapella.model.trajectories import PARTS, Trajectories, trajectories_of
+from mocapella.recording.take_reader import Take
+
+
+def timed_scenes(take: Take) -> Iterator[tuple[int, int, Scene]]:
+    """Yield (run, unix_ns, scene) of all scenes of a take: run number, capture time since 1970 [ns], and the scene.
+
+    Raises:
+        InputError, DamagedTakeError: as in `Take.scenes`.
+    """
+    for run in take.runs:
+        wall_ns = run.info.started_unix_ns - run.info.started_ns
+        for _, scene in take.scenes(run.number):
+            yield run.number, scene.at_ns + wall_ns, scene
+
+
+def take_trajectories(
+    take: Take, kinds: Sequence[str] = tuple(PARTS), *, sensor: str | None = None
+) -> dict[str, Trajectories]:
+    """Return the trajectories of a take by kind; a kind without any part is left out.
+
+    Args:
+        take: the take.
+        kinds: as in `trajectories_of`.
+        sensor: name of the sensor whose camera space they are in; None for the world.
+
+    Raises:
+        SettingsError: as in `trajectories_of`.
+        InputError, DamagedTakeError: as in `Take.scenes`.
+    """
+    labels = {
+        run.number: {
+            "participant": run.info.setup.participant,
+            "placement": run.info.setup.placement,
+            "scenario": run.info.setup.scenario,
+        }
+        for run in take.runs
+    }
+    found = trajectories_of(timed_scenes(take), kinds, sensor=sensor)
+    return {kind: replace(some, labels=labels) for kind, some in found.items()}
