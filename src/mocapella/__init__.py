@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mocapella.library.live import connect
+    from mocapella.library.motion import Motion
     from mocapella.library.recording import Recording, load
-    from mocapella.library.tracks import Tracks
 
 __version__ = "0.1.0"
-__all__ = ["Recording", "Tracks", "__version__", "connect", "load"]
+__all__ = ["Motion", "Recording", "__version__", "connect", "load"]
 
 _HOMES = {
     "Recording": "mocapella.library.recording",
-    "Tracks": "mocapella.library.tracks",
+    "Motion": "mocapella.library.motion",
     "connect": "mocapella.library.live",
     "load": "mocapella.library.recording",
 }

@@ -122,7 +122,11 @@ def test_an_export_writes_what_it_can_and_names_the_rest(tmp_path: Path) -> None
     assert "the tracking method lamps of lamp-maker 1.2, which is not installed" in done.stderr
     again = run_here(tmp_path, "export", "csv", "a")
     assert again.returncode == 1
-    assert "a.csv exists, and a study log is never overwritten; name another file with --out" in again.stderr
+    assert "a.csv exists; add --force to replace it, or name another file with --out" in again.stderr
+    assert run_here(tmp_path, "export", "csv", "a", "--force").returncode == 0
+    assert run_here(tmp_path, "export", "study-log", "a").returncode == 0
+    again = run_here(tmp_path, "export", "study-log", "a")
+    assert "a.study-log.csv exists, and a study log is never overwritten; name another file with --out" in again.stderr
     done = run_here(tmp_path, "export", "arms", "a")
     assert "left out by export arms: people (4), glows (8)" in done.stderr
 

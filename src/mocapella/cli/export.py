@@ -32,7 +32,9 @@ def study_log(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="New file to write, .csv or .csv.gz. By default the take's name with .csv."
+            "--out",
+            metavar="FILE",
+            help="New file to write, .csv or .csv.gz. By default the take's name with .study-log.csv.",
         ),
     ] = None,
     every: Every = 1,
@@ -67,7 +69,7 @@ def study_log(
     from mocapella.recording.study_export import export_study_log
 
     take = find_recording(take)
-    target = out or take.with_suffix(".csv")
+    target = out or take.with_suffix(".study-log.csv")
     if os.path.lexists(target):
         raise TakeExistsError(f"{target} exists, and a study log is never overwritten; name another file with --out")
     source = open_take(take)

@@ -65,7 +65,7 @@ class Replayed:
     notes: dict[str, Any] = field(default_factory=dict)
 
 
-class Recording(Protocol):
+class ReplayableRecording(Protocol):
     """Interface of a recording, a take or a CSV file: its sensors' frames, and their tracking again."""
 
     @property
@@ -140,7 +140,7 @@ def open_recording(
     placement: str | None = None,
     method: str | None = None,
     method_settings: Mapping[str, Any] | None = None,
-) -> Recording:
+) -> ReplayableRecording:
     """Open a study log, a file of one sensor's bodies or a take, as `find_recording` finds it.
 
     ``placement`` selects the sensors' placement in a study log; ``method`` and ``method_settings`` choose how logs and
@@ -249,7 +249,7 @@ def tell_left_out(export: str, file: Path) -> None:
 
 def open_to_track(
     file: Path, placement: str | None, method: str | None, method_settings: Mapping[str, Any]
-) -> Recording:
+) -> ReplayableRecording:
     """Open a recording as `open_recording` does, with the same arguments, and check that it can be tracked.
 
     Raises:

@@ -38,7 +38,7 @@ from mocapella.cli.common import (
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
-    from mocapella.cli.recordings import Recording
+    from mocapella.cli.recordings import ReplayableRecording
     from mocapella.live.thread_deaths import StopEvent
 
 _NOT_OF_TAKES: Final = "For study logs and CSV files; a take keeps its own."
@@ -107,7 +107,7 @@ def replay(
         raise typer.Exit(DAMAGED)
 
 
-def _replay_fast(file: Path, open_it: Callable[[], Recording]) -> dict[str, Any]:
+def _replay_fast(file: Path, open_it: Callable[[], ReplayableRecording]) -> dict[str, Any]:
     began = time.perf_counter()
     with working(f"reading {file.name} …", status=INTERRUPTED):
         recording = open_it()
@@ -151,7 +151,7 @@ def _comparison(recorded: int, differing: int) -> str:
 
 
 def _replay_live(
-    file: Path, recording: Recording, stop: StopEvent, port: int, view_port: int | None, take: Path | None
+    file: Path, recording: ReplayableRecording, stop: StopEvent, port: int, view_port: int | None, take: Path | None
 ) -> dict[str, Any]:
     from mocapella.cli.live_session import finish, live_session, start_together, wait_while
     from mocapella.live.server import ServerSettings

@@ -1,4 +1,4 @@
-"""A recording as Python opens it: people, hands, arms, bodies, objects and points as tracks."""
+"""A recording as Python opens it: the motion of people, hands, arms, bodies, objects and points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mocapella.errors import InputError
-from mocapella.library.tracks import Tracks
+from mocapella.library.motion import Motion
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
 from mocapella.recording.bodies_trajectories import read_bodies
@@ -28,7 +28,7 @@ READERS: Final[Mapping[str, Callable[[Path], Trajectories]]] = {
 
 
 class Recording:
-    """A recording; `mocapella.load` opens it. Its tracks are read when they are first asked for, and kept.
+    """A recording; `mocapella.load` opens it. Its motion is read when it is first asked for, and kept.
 
     Attributes:
         path: the file.
@@ -40,49 +40,49 @@ class Recording:
         self._given = found
 
     @property
-    def people(self) -> Tracks | None:
+    def people(self) -> Motion | None:
         """The fused people; None if the recording has none."""
         return self._all.get("people")
 
     @property
-    def hands(self) -> Tracks | None:
+    def hands(self) -> Motion | None:
         """The hands; None if the recording has none."""
         return self._all.get("hands")
 
     @property
-    def arms(self) -> Tracks | None:
+    def arms(self) -> Motion | None:
         """The arms that depth cameras see; None if the recording has none."""
         return self._all.get("arms")
 
     @property
-    def bodies(self) -> Tracks | None:
+    def bodies(self) -> Motion | None:
         """The bodies fitted to silhouettes; None if the recording has none."""
         return self._all.get("bodies")
 
     @property
-    def objects(self) -> Tracks | None:
+    def objects(self) -> Motion | None:
         """The rigid objects; None if the recording has none."""
         return self._all.get("objects")
 
     @property
-    def points(self) -> Tracks | None:
+    def points(self) -> Motion | None:
         """The named 3D points, such as the markers of a TRC or C3D; None if the recording has none."""
         return self._all.get("points")
 
     @cached_property
-    def views(self) -> Tracks | None:
+    def views(self) -> Motion | None:
         """Each sensor's own skeletons in the world, such as ``person_1@front``; None if the recording has none."""
         found = {} if self.take is None else take_trajectories(self.take, (VIEWS,))
-        return Tracks.of_file(found[VIEWS], str(self.path)) if found else None
+        return Motion.of_file(found[VIEWS], str(self.path)) if found else None
 
-    def seen_from(self, sensor: str, kinds: Sequence[str] = tuple(PARTS)) -> dict[str, Tracks]:
-        """Return the tracks in a sensor's camera space, by kind; unknown while the sensor's pose is.
+    def seen_from(self, sensor: str, kinds: Sequence[str] = tuple(PARTS)) -> dict[str, Motion]:
+        """Return the motion in a sensor's camera space, by kind; unknown while the sensor's pose is.
 
         Raises:
             SettingsError: no result has a pose of the sensor; lists the sensors.
         """
         found = {} if self.take is None else take_trajectories(self.take, kinds, sensor=sensor)
-        return {kind: Tracks.of_file(some, str(self.path)) for kind, some in found.items()}
+        return {kind: Motion.of_file(some, str(self.path)) for kind, some in found.items()}
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ class Recording:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Faults of the file, a line each; what could be read is in the tracks."""
+        """Faults of the file, a line each; what could be read is there."""
         return () if self.take is None else self.take.problems
 
     def scenes(self) -> Iterator[Scene]:
@@ -121,12 +121,12 @@ class Recording:
             yield from (scene for _, _, scene in timed_scenes(self.take))
 
     @cached_property
-    def _all(self) -> dict[str, Tracks]:
+    def _all(self) -> dict[str, Motion]:
         found = self._given
         if found is None:
             assert self.take is not None
             found = take_trajectories(self.take)
-        return {kind: Tracks.of_file(some, str(self.path)) for kind, some in found.items()}
+        return {kind: Motion.of_file(some, str(self.path)) for kind, some in found.items()}
 
     def __repr__(self) -> str:
         lines = [f"<Recording {self.path.name}: {self.seconds:.1f} s"]

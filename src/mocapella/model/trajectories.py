@@ -140,6 +140,14 @@ class _Row:
     angles: Float64 | None = None
     pose: Float64 | None = None
 
+    @property
+    def layout(self) -> _Layout:
+        """Names of the keypoints, bones and angles; the arrays of rows of one layout have equal shapes."""
+        return self.keypoints, self.bones, self.angle_names
+
+
+_Layout = tuple[tuple[str, ...], Bones, tuple[str, ...]]
+
 
 def _people(scene: Scene) -> Iterator[_Row]:
     joints, bones = scene.topology.joints, scene.topology.bones
@@ -300,13 +308,15 @@ def _median_step(times_ns: Sequence[int]) -> float:
 def _assembled(kind: str, rows: Mapping[tuple[int, str], Sequence[tuple[int, _Row]]], axis: _TimeAxis) -> Trajectories:
     """Return the trajectories of one kind; keypoints and angles that only some rows have are unknown elsewhere."""
     first = min(run for run, _ in rows)
-    unnamed = {name for _, name in rows if name.rpartition("_")[2].isdecimal() or name.startswith(("hand_", "arm_"))}
-    names = {(run, name): f"run{run}_{name}" if name in unnamed and run > first else name for run, name in sorted(rows)}
+    names = {
+        (run, name): f"run{run}_{name}" if run > first and _NUMBERED.fullmatch(name) else name
+        for run, name in sorted(rows)
+    }
     individuals = tuple(dict.fromkeys(names.values()))
-    samples = [row for own in rows.values() for _, row in own[:1]]
-    widest = max(samples, key=lambda row: len(row.keypoints))
-    keypoints = tuple(dict.fromkeys(name for row in (widest, *samples) for name in row.keypoints))
-    angle_names = tuple(dict.fromkeys(name for row in samples for name in row.angle_names))
+    layouts = list(dict.fromkeys(row.layout for own in rows.values() for _, row in own))
+    widest, bones, _ = max(layouts, key=lambda layout: len(layout[0]))
+    keypoints = tuple(dict.fromkeys([*widest, *(name for own, _, _ in layouts for name in own)]))
+    angle_names = tuple(dict.fromkeys(name for _, _, own in layouts for name in own))
     shape = (len(axis.times_s), len(individuals))
     positions = np.full((*shape, len(keypoints), 3), np.nan)
     states, sd = np.zeros((*shape, len(keypoints)), np.uint8), np.full((*shape, len(keypoints)), np.nan, np.float32)
@@ -315,29 +325,26 @@ def _assembled(kind: str, rows: Mapping[tuple[int, str], Sequence[tuple[int, _Ro
     poses = np.full((*shape, 4, 4), np.nan) if has_poses else None
     for key, own in rows.items():
         i = individuals.index(names[key])
-        for layout in dict.fromkeys((row.keypoints, row.angle_names) for _, row in own):
-            some = [
-                (frame, row)
-                for number, row in own
-                if (row.keypoints, row.angle_names) == layout and (frame := axis.frame_of[number]) >= 0
-            ]
-            if not some:
+        some = [(frame, row) for number, row in own if (frame := axis.frame_of[number]) >= 0]
+        for layout in layouts:
+            alike = [(frame, row) for frame, row in some if row.layout == layout]
+            if not alike:
                 continue
-            at = np.array([frame for frame, _ in some])[:, None]
+            at = np.array([frame for frame, _ in alike])[:, None]
             to = np.array([keypoints.index(name) for name in layout[0]])[None]
-            positions[at, i, to] = np.stack([row.positions for _, row in some])
-            states[at, i, to] = np.stack([row.states for _, row in some])
-            sd[at, i, to] = np.stack([_or_unknown(row.sd, len(layout[0])) for _, row in some])
-            if layout[1]:
-                to = np.array([angle_names.index(name) for name in layout[1]])[None]
-                angles[at, i, to] = np.stack([_or_unknown(row.angles, len(layout[1])) for _, row in some])
-            for frame, row in some if poses is not None else ():
+            positions[at, i, to] = np.stack([row.positions for _, row in alike])
+            states[at, i, to] = np.stack([row.states for _, row in alike])
+            sd[at, i, to] = np.stack([_or_unknown(row.sd, len(layout[0])) for _, row in alike])
+            if layout[2]:
+                to = np.array([angle_names.index(name) for name in layout[2]])[None]
+                angles[at, i, to] = np.stack([_or_unknown(row.angles, len(layout[2])) for _, row in alike])
+        if poses is not None:
+            for frame, row in some:
                 if row.pose is not None:
-                    assert poses is not None
                     poses[frame, i] = row.pose
     return Trajectories(
-        kind, axis.times_s, axis.runs, individuals, keypoints, positions, states, sd, widest.bones, angle_names, angles,
-        poses, axis.rate_hz, axis.began_unix_ns,
+        kind, axis.times_s, axis.runs, individuals, keypoints, positions, states, sd, bones, angle_names, angles, poses,
+        axis.rate_hz, axis.began_unix_ns,
     )  # fmt: skip
 
 

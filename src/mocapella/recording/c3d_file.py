@@ -34,8 +34,9 @@ def read_c3d(path: Path) -> Trajectories:
     """Read the points of a C3D as trajectories of the kind ``points``, in metres, in the file's axes.
 
     The individual has the file's subject name if it has one subject, else the file's. A point with the residual −1 is
-    unknown, and one with the residual 0 is inferred: interpolated or modelled. Other residuals are read as standard
-    deviations, but the largest as unknown, as `mocapella export c3d` writes them. Analog channels are left out.
+    unknown, and one with the residual 0 is inferred, that is interpolated or modelled, unless no residual of the file
+    is above 0. Other residuals are read as standard deviations, but the largest as unknown, as `mocapella export c3d`
+    writes them. Analog channels are left out.
 
     Raises:
         InputError: it cannot be read, is no C3D, or has no points, an unknown unit or an impossible rate.
@@ -56,7 +57,8 @@ def read_c3d(path: Path) -> Trajectories:
     residuals = (last & 0xFF) * file.scale
     positions = np.where(known[..., None], METRES[unit] * file.words[..., :3], np.nan)
     certain = known & (residuals > 0) & (residuals < _LARGEST_RESIDUAL * file.scale)
-    states = np.where(residuals == 0, JointState.INFERRED, JointState.TRACKED)
+    told = bool((known & (residuals > 0)).any())
+    states = np.where((residuals == 0) & told, JointState.INFERRED, JointState.TRACKED)
     count = len(file.words)
     return Trajectories(
         kind="points",

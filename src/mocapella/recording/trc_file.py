@@ -18,7 +18,8 @@ _FIX: Final = "give a .trc file, such as `mocapella export trc` writes"
 
 
 def read_trc(path: Path) -> Trajectories:
-    """Read a TRC as trajectories of the kind ``points``, in metres, with one individual, named like the file.
+    """Read a TRC as trajectories of the kind ``points``, in metres, with one individual, named like the file. Cells may be separated by
+    tabs or commas.
 
     Unknown coordinates are NaN. A known marker counts as measured, as a TRC does not tell.
 
@@ -27,10 +28,11 @@ def read_trc(path: Path) -> Trajectories:
     """
     text = decode_text(read_whole(path, fix=_FIX, most_bytes=MOST_TABLE_BYTES), file=path, fix=_FIX)
     try:
-        lines = text.splitlines()
-        header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
-        names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
-        rows = [line.split("\t") for line in lines[5:] if line.strip()]
+        separator = "\t" if "\t" in text.partition("\n")[0] else ","  # spreadsheets write commas
+        lines = [line.split(separator) for line in text.splitlines()]
+        header = dict(zip(lines[1], lines[2], strict=False))
+        names = tuple(name.strip() for name in lines[3][2:] if name.strip())
+        rows = [line for line in lines[5:] if line[0].strip()]
         times = np.array([float(row[1]) for row in rows])
         cells = [(row[2:] + [""] * 3 * len(names))[: 3 * len(names)] for row in rows]
         points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
