@@ -201,6 +201,7 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.model.space import load_space
     from mocapella.recording.bodies_file import joints_of_people, read_followed_people, read_json
     from mocapella.recording.body_csv import is_body_csv, read_body_csv
+    from mocapella.recording.c3d_file import read_c3d
     from mocapella.recording.image_tracks_file import read_image_tracks
     from mocapella.recording.measured_distances import read_measured_distances
     from mocapella.recording.point_recordings import read_point_recording
@@ -242,6 +243,7 @@ def _files(folder: Path) -> list[Door]:
         of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
                  read_sidecar, TEXT),
         of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
+        of_file("C3D", folder / "walk.c3d", [seeds.c3d(folder)], read_c3d, BYTES),
         of_file("TRC", folder / "walk.trc", [seeds.TRC], read_trc, TEXT),
         of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],
                  facing_model.read_model, TEXT, share=0.02),

@@ -129,6 +129,20 @@ def study_log(folder: Path) -> bytes:
     return path.read_bytes()
 
 
+def c3d(folder: Path) -> bytes:
+    """Return a C3D of two points in three frames."""
+    from mocapella.exports.c3d_file import write_c3d
+    from mocapella.model.trajectories import Trajectories
+
+    positions, states = np.ones((3, 1, 2, 3)), np.full((3, 1, 2), 2, np.uint8)
+    own = Trajectories(
+        "points", np.arange(3) / 30.0, np.zeros(3, np.int64), ("anna",), ("head", "foot"), positions, states,
+        np.full(states.shape, 0.01, np.float32), rate_hz=30.0,
+    )  # fmt: skip
+    write_c3d(own, folder / "seed.c3d")
+    return (folder / "seed.c3d").read_bytes()
+
+
 def azure_table() -> bytes:
     """Return a table of Azure Kinect Body Tracking: two bodies at two instants."""
     from mocapella.model.topology import topology

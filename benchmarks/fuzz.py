@@ -36,7 +36,7 @@ PARTS: Final = (
     "colours", "settings", "pairing codes", "key files", "session keys", "view tokens", "page requests",
     "page messages", "study logs", "study logs, packed", "Azure Kinect tables", "Kinect v2 tables", "image tracks",
     "keypoints", "point recordings", "distances", "timestamps", "followed bodies", "named joints",
-    "space alignments", "depth sidecars", "BVH", "TRC", "facing models", "bias models", "depth images", "images .png",
+    "space alignments", "depth sidecars", "BVH", "C3D", "TRC", "facing models", "bias models", "depth images", "images .png",
     "images .jpg", "images .bmp", "images .tiff", "images .webp", "meshes .glb", "meshes .gltf", "settings files",
     "layout files", "rig files", "hand files", "board files", "colour files", "reference points", "sensor errors",
     "bodies with meshes", "references to images", "memories of stand-still", "memories of default",

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mocapella.library.live import connect
-    from mocapella.library.motion import Motion
+    from mocapella.library.motion_tracks import MotionTracks
     from mocapella.library.recording import Recording, load
 
 __version__ = "0.1.0"
-__all__ = ["Motion", "Recording", "__version__", "connect", "load"]
+__all__ = ["MotionTracks", "Recording", "__version__", "connect", "load"]
 
 _HOMES = {
     "Recording": "mocapella.library.recording",
-    "Motion": "mocapella.library.motion",
+    "MotionTracks": "mocapella.library.motion_tracks",
     "connect": "mocapella.library.live",
     "load": "mocapella.library.recording",
 }

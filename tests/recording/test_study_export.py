@@ -134,8 +134,8 @@ def test_another_sensors_joints_go_by_their_names() -> None:
 
 
 def export(path: Path, scenes: list[Scene], **options: Any) -> ExportReport:
-    timed = ((one, 1000 + i) for i, one in enumerate(scenes))
-    return export_study_log(timed, path, **{"setup": SETUP} | options)
+    timed = ((SETUP, one, 1000 + i) for i, one in enumerate(scenes))
+    return export_study_log(timed, path, **options)
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.csv.gz"])
@@ -201,13 +201,13 @@ def test_a_real_log_tracked_and_exported_has_the_reference_sensors_own_points(tm
     replay = StudyReplay(log)
     tracker = make_tracker("stand-still", sensors_expected=2)
     scenes, own = [], {}
+    setup = Setup(participant=7, placement=replay.placement, scenario="stationary")
     for arrival, _ in zip(replay.arrivals(), range(500), strict=False):
-        scenes.append((tracker.update(arrival), arrival.at_ns // 1_000_000 + YEAR_1_TO_1970_MS))
+        scenes.append((setup, tracker.update(arrival), arrival.at_ns // 1_000_000 + YEAR_1_TO_1970_MS))
         if arrival.frame.sensor == "front":
             own[arrival.frame.time_ns // 100] = arrival.frame.positions[0]
     ids = {"front": examples.FRONT, "side": examples.SIDE}
-    setup = Setup(participant=7, placement=replay.placement, scenario="stationary")
-    report = export_study_log(scenes, tmp_path / "log.csv", setup=setup, reference="front", every=2, kinect_ids=ids)
+    report = export_study_log(scenes, tmp_path / "log.csv", reference="front", every=2, kinect_ids=ids)
     back = read_study_log(tmp_path / "log.csv")
     assert report.written == -(-report.results // 2) > 100
     reference = back.skeleton_id == 0

@@ -24,6 +24,7 @@ from mocapella.cli.common import (
 
 if TYPE_CHECKING:
     from mocapella.model.scene import Scene
+    from mocapella.model.session import Setup
     from mocapella.recording.take_reader import Take
 
 
@@ -61,7 +62,6 @@ def study_log(
 
     Example:  mocapella export study-log walk-1 --every 2
     """
-    import dataclasses
     import os
 
     from mocapella.cli.recordings import find_recording, open_take
@@ -75,9 +75,8 @@ def study_log(
     source = open_take(take)
     given = {"participant": participant, "placement": placement, "scenario": scenario}
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    setup = dataclasses.replace(source.info.setup, **chosen)
     with working(f"writing {target} …", status=INTERRUPTED):
-        report = export_study_log(_timed_scenes(source), target, setup=setup, every=every, reference=reference)
+        report = export_study_log(_timed_scenes(source, chosen), target, every=every, reference=reference)
     say(f"{report.rows} rows of {report.written} results in {target}")
     if report.mirrored:
         say(f"left and right were swapped in {report.mirrored} of them; rows are as the sensor labels them")
@@ -148,11 +147,19 @@ def json_lines(
     write_json(json, {"path": str(target), **msgspec.to_builtins(report), "take_problems": list(source.problems)})
 
 
-def _timed_scenes(take: Take) -> Iterator[tuple[Scene, int]]:
-    """Yield each scene with its wall-clock time in milliseconds since year 1, as in the study log."""
+def _timed_scenes(take: Take, chosen: dict[str, Any]) -> Iterator[tuple[Setup, Scene, int]]:
+    """Yield each scene with its run's setup, and its wall-clock time in milliseconds since year 1, as in the study log.
+
+    Args:
+        take: the take.
+        chosen: labels that replace those of all runs.
+    """
+    import dataclasses
+
     from mocapella.model.study_log import YEAR_1_TO_1970_MS
 
     for run in take.runs:
         wall_ns = run.info.started_unix_ns - run.info.started_ns
+        setup = dataclasses.replace(run.info.setup, **chosen)
         for log_ns, scene in take.scenes(run.number):
-            yield scene, (log_ns + wall_ns) // 1_000_000 + YEAR_1_TO_1970_MS
+            yield setup, scene, (log_ns + wall_ns) // 1_000_000 + YEAR_1_TO_1970_MS

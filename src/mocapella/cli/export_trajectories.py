@@ -90,13 +90,16 @@ def export(
         for file, _ in files:
             if file.exists() and not force:
                 raise TakeExistsError(f"{file} exists; add --force to replace it, or name another file with --out")
+        written: list[dict[str, Any]] = []
         for file, one in files:
             with working(f"writing {file} …", status=INTERRUPTED):
                 count = _write(chosen, one, file, wishes)
             say(f"{count} frames of {', '.join(one.individuals)} in {file}")
-            rows.append({"path": str(file), "frames": count, "individuals": list(one.individuals)})
-        for problem in open_take(path).problems:
+            written.append({"path": str(file), "frames": count, "individuals": list(one.individuals)})
+        problems = list(open_take(path).problems)
+        for problem in problems:
             say(f"{path.name}: {problem}")
+        rows.append({"take": str(path), "files": written, "take_problems": problems})
     write_json(json, rows)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mocapella.errors import InputError
-from mocapella.library.motion import Motion
+from mocapella.library.motion_tracks import MotionTracks
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
 from mocapella.recording.bodies_trajectories import read_bodies
@@ -40,49 +40,49 @@ class Recording:
         self._given = found
 
     @property
-    def people(self) -> Motion | None:
+    def people(self) -> MotionTracks | None:
         """The fused people; None if the recording has none."""
         return self._all.get("people")
 
     @property
-    def hands(self) -> Motion | None:
+    def hands(self) -> MotionTracks | None:
         """The hands; None if the recording has none."""
         return self._all.get("hands")
 
     @property
-    def arms(self) -> Motion | None:
+    def arms(self) -> MotionTracks | None:
         """The arms that depth cameras see; None if the recording has none."""
         return self._all.get("arms")
 
     @property
-    def bodies(self) -> Motion | None:
+    def bodies(self) -> MotionTracks | None:
         """The bodies fitted to silhouettes; None if the recording has none."""
         return self._all.get("bodies")
 
     @property
-    def objects(self) -> Motion | None:
+    def objects(self) -> MotionTracks | None:
         """The rigid objects; None if the recording has none."""
         return self._all.get("objects")
 
     @property
-    def points(self) -> Motion | None:
+    def points(self) -> MotionTracks | None:
         """The named 3D points, such as the markers of a TRC or C3D; None if the recording has none."""
         return self._all.get("points")
 
     @cached_property
-    def views(self) -> Motion | None:
+    def views(self) -> MotionTracks | None:
         """Each sensor's own skeletons in the world, such as ``person_1@front``; None if the recording has none."""
         found = {} if self.take is None else take_trajectories(self.take, (VIEWS,))
-        return Motion.of_file(found[VIEWS], str(self.path)) if found else None
+        return MotionTracks.of_file(found[VIEWS], str(self.path)) if found else None
 
-    def seen_from(self, sensor: str, kinds: Sequence[str] = tuple(PARTS)) -> dict[str, Motion]:
+    def seen_from(self, sensor: str, kinds: Sequence[str] = tuple(PARTS)) -> dict[str, MotionTracks]:
         """Return the motion in a sensor's camera space, by kind; unknown while the sensor's pose is.
 
         Raises:
             SettingsError: no result has a pose of the sensor; lists the sensors.
         """
         found = {} if self.take is None else take_trajectories(self.take, kinds, sensor=sensor)
-        return {kind: Motion.of_file(some, str(self.path)) for kind, some in found.items()}
+        return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -121,12 +121,12 @@ class Recording:
             yield from (scene for _, _, scene in timed_scenes(self.take))
 
     @cached_property
-    def _all(self) -> dict[str, Motion]:
+    def _all(self) -> dict[str, MotionTracks]:
         found = self._given
         if found is None:
             assert self.take is not None
             found = take_trajectories(self.take)
-        return {kind: Motion.of_file(some, str(self.path)) for kind, some in found.items()}
+        return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
 
     def __repr__(self) -> str:
         lines = [f"<Recording {self.path.name}: {self.seconds:.1f} s"]

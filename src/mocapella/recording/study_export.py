@@ -104,10 +104,9 @@ def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def export_study_log(
-    scenes: Iterable[tuple[Scene, int]],
+    scenes: Iterable[tuple[Setup, Scene, int]],
     path: Path | str,
     *,
-    setup: Setup,
     reference: str | None = None,
     every: int = 1,
     kinect_ids: Mapping[str, str] | None = None,
@@ -117,9 +116,10 @@ def export_study_log(
     The file appears complete or not at all.
 
     Args:
-        scenes: scenes, each with its ``tracker_time_ms`` as in `rows_of`; scenes that are no results are skipped.
+        scenes: scenes, each with its run's ``setup`` and its ``tracker_time_ms`` as in `rows_of`; scenes that are no
+            results are skipped.
         path: path of the new file, ``.csv`` or ``.csv.gz``.
-        setup, reference, kinect_ids: as in `rows_of`.
+        reference, kinect_ids: as in `rows_of`.
         every: n; the thesis logs every other result.
 
     Raises:
@@ -129,7 +129,7 @@ def export_study_log(
         TakeExistsError, DiskFullError, RecordingError: as in `mocapella.recording.study_log.write_study_log`.
     """
     check(every >= 1, "every", every, "1 or more")
-    log = _Counting(setup, reference, every, dict(kinect_ids or {}))
+    log = _Counting(reference, every, dict(kinect_ids or {}))
     rows = write_study_log(path, log.rows(scenes, path))
     return ExportReport(log.results, log.written, rows, log.without_reference, log.mirrored)
 
@@ -137,15 +137,15 @@ def export_study_log(
 class _Counting:
     """Converts scenes to rows and counts them, holding one scene at a time."""
 
-    def __init__(self, setup: Setup, reference: str | None, every: int, kinect_ids: dict[str, str]) -> None:
-        self._options: dict[str, Any] = {"setup": setup, "reference": reference, "kinect_ids": kinect_ids}
+    def __init__(self, reference: str | None, every: int, kinect_ids: dict[str, str]) -> None:
+        self._options: dict[str, Any] = {"reference": reference, "kinect_ids": kinect_ids}
         self._reference, self._every = reference, every
         self._sensors: set[str] = set()
         self._arms = False
         self.results = self.written = self.without_reference = self.mirrored = 0
 
-    def rows(self, scenes: Iterable[tuple[Scene, int]], path: Path | str) -> Iterator[StudyRow]:
-        for scene, tracker_time_ms in scenes:
+    def rows(self, scenes: Iterable[tuple[Setup, Scene, int]], path: Path | str) -> Iterator[StudyRow]:
+        for setup, scene, tracker_time_ms in scenes:
             self._arms |= bool(scene.arms)
             if scene.state.phase != Phase.TRACKING or not scene.people:
                 continue
@@ -154,7 +154,7 @@ class _Counting:
                 continue
             self.written += 1
             self._count_views(scene)
-            yield from rows_of(scene, tracker_time_ms=tracker_time_ms, **self._options)
+            yield from rows_of(scene, setup=setup, tracker_time_ms=tracker_time_ms, **self._options)
         self._check(path)
 
     def _count_views(self, scene: Scene) -> None:

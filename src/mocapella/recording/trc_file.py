@@ -18,10 +18,10 @@ _FIX: Final = "give a .trc file, such as `mocapella export trc` writes"
 
 
 def read_trc(path: Path) -> Trajectories:
-    """Read a TRC as trajectories of the kind ``points``, in metres, with one individual, named like the file. Cells may be separated by
-    tabs or commas.
+    """Read a TRC as trajectories of the kind ``points``, in metres, with one individual, named like the file.
 
-    Unknown coordinates are NaN. A known marker counts as measured, as a TRC does not tell.
+    Cells are separated by tabs or commas. Unknown coordinates are NaN. A known marker counts as measured, as a TRC does
+    not tell.
 
     Raises:
         InputError: it cannot be read, is no TRC, or has an unknown unit.

@@ -18,23 +18,25 @@ from mocapella.model.trajectories import Trajectories
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(Trajectories):
+class MotionTracks(Trajectories):
     """Keypoints of several individuals over time, with their states and uncertainties; see `Trajectories`."""
 
     source: str = ""
 
     @staticmethod
-    def of_file(trajectories: Trajectories, source: str) -> Motion:
+    def of_file(trajectories: Trajectories, source: str) -> MotionTracks:
         """Return trajectories as a motion that knows the file it is from."""
-        return Motion(**{one.name: getattr(trajectories, one.name) for one in fields(Trajectories)}, source=source)
+        return MotionTracks(
+            **{one.name: getattr(trajectories, one.name) for one in fields(Trajectories)}, source=source
+        )
 
-    def at_rate(self, rate_hz: float | None = None) -> Motion:
+    def at_rate(self, rate_hz: float | None = None) -> MotionTracks:
         """Return the motion at a constant rate, as `mocapella.model.resampling.resampled` does [Hz].
 
         Raises:
             SettingsError: the rate is out of range.
         """
-        return Motion.of_file(resampled(self, rate_hz), self.source)
+        return MotionTracks.of_file(resampled(self, rate_hz), self.source)
 
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` in the layout of ``movement``.

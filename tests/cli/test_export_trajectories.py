@@ -1,0 +1,162 @@
+"""`mocapella export` for tables, arrays and markers, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from support.programs import run_here
+from support.take_making import STEP, info, record, scene, write_frame
+
+import mocapella
+from mocapella.exports.export import EXPORTS, TRAJECTORIES
+from mocapella.geometry.twists import exp_twist
+from mocapella.model.scene import Scene, SensorPlace, TrackedObject
+from mocapella.model.session import SCENARIOS
+from mocapella.recording.study_log import read_study_log
+from mocapella.recording.take_writer import TakeWriter
+from mocapella.schema import encode_scene
+
+FORMATS = [each.name for each in EXPORTS.values() if each.command == TRAJECTORIES]
+T = exp_twist(np.array([0.5, -1.0, 2.0, 0.1, 0.4, -0.2]))
+
+
+def take(path: Path, people: int = 1, **parts: tuple) -> Path:
+    """A take of a second, whose sensor has a pose."""
+    writer = TakeWriter.create(path, info=info(), reserve_bytes=0)
+    for k in range(30):
+        one = scene(k, "front", k, people=people)
+        made = Scene(**{name: getattr(one, name) for name in one.__struct_fields__})
+        made = msgspec.structs.replace(made.with_parts(**parts), sensors=(SensorPlace("front", T),))
+        write_frame(writer, "front", k, k * STEP)
+        writer.write_scene(encode_scene(made), k * STEP)
+    writer.close()
+    return path
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_each_format_is_written_once(tmp_path: Path, name: str) -> None:
+    take(tmp_path / "a.mcap")
+    done = run_here(tmp_path, "export", name, "a", "--json", "-")
+    assert done.returncode == 0, done.stderr
+    (of_take,) = json.loads(done.stdout)
+    (row,) = of_take["files"]
+    assert (of_take["take"], of_take["take_problems"]) == ("a.mcap", [])
+    assert row == {"path": f"a{EXPORTS[name].suffix}", "frames": 30, "individuals": ["person_0"]}
+    written = (tmp_path / row["path"]).read_bytes()
+    again = run_here(tmp_path, "export", name, "a")
+    assert again.returncode == 1
+    assert "exists; add --force to replace it" in again.stderr
+    assert (tmp_path / row["path"]).read_bytes() == written
+    assert run_here(tmp_path, "export", name, "a", "--force").returncode == 0
+    assert {one.name for one in tmp_path.iterdir()} == {"a.mcap", row["path"]}
+
+
+def test_people_have_a_file_each_where_a_format_is_for_one(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap", people=2)
+    assert run_here(tmp_path, "export", "trc", "a").returncode == 0
+    assert run_here(tmp_path, "export", "c3d", "a", "--people", "person_1").returncode == 0
+    assert {one.name for one in tmp_path.iterdir()} == {
+        "a.mcap", "a.person_0.trc", "a.person_1.trc", "a.c3d",
+    }  # fmt: skip
+    own = mocapella.load(tmp_path / "a.mcap").people
+    assert own is not None
+    found = mocapella.load(tmp_path / "a.person_1.trc").points
+    assert found is not None
+    np.testing.assert_allclose(found.positions, own.at_rate().of(["person_1"]).positions, atol=1e-6)
+    wrong = run_here(tmp_path, "export", "trc", "a", "--people", "anna")
+    assert "--people: a.mcap has no 'anna'; it has person_0, person_1" in wrong.stderr
+
+
+def test_each_kind_has_a_file_and_a_name_that_a_system_forbids_is_replaced(tmp_path: Path) -> None:
+    cup = TrackedObject("cup/of:tea", T, np.empty((0, 3)), 2)
+    take(tmp_path / "a.mcap", objects=(cup,))
+    assert run_here(tmp_path, "export", "csv", "a").returncode == 0
+    assert (tmp_path / "a.people.csv").exists()
+    assert "cup/of:tea" in (tmp_path / "a.objects.csv").read_text(encoding="utf-8")
+    take(tmp_path / "b.mcap", people=0, objects=(cup, replace_name(cup, "lid")))
+    assert run_here(tmp_path, "export", "trc", "b").returncode == 0
+    assert (tmp_path / "b.cup-of-tea.trc").exists()
+
+
+def replace_name(thing: TrackedObject, name: str) -> TrackedObject:
+    return msgspec.structs.replace(thing, name=name)
+
+
+def test_raw_views_rates_and_spaces(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    own = mocapella.load(tmp_path / "a.mcap")
+    assert run_here(tmp_path, "export", "npz", "a", "--raw", "--out", "raw.npz").returncode == 0
+    with np.load(tmp_path / "raw.npz") as arrays:
+        assert arrays["individuals"].tolist() == ["person_0@front"]
+    assert run_here(tmp_path, "export", "npz", "a", "--rate", "10", "--out", "slow.npz").returncode == 0
+    with np.load(tmp_path / "slow.npz") as arrays:
+        assert len(arrays["times_s"]) == 10
+    assert run_here(tmp_path, "export", "npz", "a", "--space", "sensor:front", "--out", "s.npz").returncode == 0
+    with np.load(tmp_path / "s.npz") as arrays:
+        np.testing.assert_array_equal(arrays["positions"], own.seen_from("front")["people"].positions)
+    assert run_here(tmp_path, "export", "npz", "a", "--space", "opensim", "--out", "o.npz").returncode == 0
+    assert own.people is not None
+    with np.load(tmp_path / "o.npz") as arrays:
+        x, y, z = np.moveaxis(own.people.positions, -1, 0)
+        np.testing.assert_allclose(arrays["positions"], np.stack([-z, y, x], axis=-1), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("npz", "a", "--rate", "0"), "rate is 0.0"),
+        (("npz", "a", "--space", "mars"), "--space 'mars': known: world, opensim, sensor:NAME"),
+        (("npz", "a", "--space", "sensor:back"), "no pose of a sensor 'back'; sensors: front"),
+        (("npz", "a", "b", "--out", "c.npz"), "there are 2 takes; name a folder that exists"),
+        (("npz", "a", "--out", "gone/c.npz"), "name a file in a folder that exists"),
+        (("npz", "gone"), "no such file"),
+        (("trc", "empty"), "empty.mcap has no results"),
+        (("trc", "a", "empty"), "empty.mcap has no results"),
+    ],
+)
+def test_a_mistake_is_a_line_and_nothing_is_half_written(tmp_path: Path, words: tuple[str, ...], why: str) -> None:
+    take(tmp_path / "a.mcap")
+    take(tmp_path / "b.mcap")
+    TakeWriter.create(tmp_path / "empty.mcap", info=info(), reserve_bytes=0).close()
+    done = run_here(tmp_path, "export", *words)
+    assert done.returncode == 1
+    assert why in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+
+
+def test_several_takes_go_to_a_folder(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    take(tmp_path / "b.mcap")
+    (tmp_path / "out").mkdir()
+    assert run_here(tmp_path, "export", "csv", "a", "b", "--out", "out").returncode == 0
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {"a.csv", "b.csv"}
+
+
+def test_labels_of_each_run_reach_the_table(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    record(writer, 0, 4)
+    second = info(started_ns=10 * STEP)
+    writer.start_run(replace(second, setup=replace(second.setup, scenario="steps", participant=8)))
+    record(writer, 10, 4, step=20)
+    writer.close()
+    assert run_here(tmp_path, "export", "csv", "a").returncode == 0
+    lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[1:]
+    cells = {tuple(line.split(",")[1:5]) for line in lines}
+    assert cells == {("0", "7", "right-90", "walk"), ("1", "8", "right-90", "steps")}
+    assert run_here(tmp_path, "export", "study-log", "a").returncode == 0
+    log = read_study_log(tmp_path / "a.study-log.csv")
+    assert set(zip(log.study_id.tolist(), log.scenario_id.tolist(), strict=True)) == {
+        (7, SCENARIOS["walk"]), (8, SCENARIOS["steps"]),
+    }  # fmt: skip
+
+
+def test_help_describes_the_format(tmp_path: Path) -> None:
+    text = run_here(tmp_path, "export", "parquet", "--help").stdout
+    assert "The table of csv as Parquet" in text
+    assert "mocapella export parquet walk-1 --people person_1" in text
