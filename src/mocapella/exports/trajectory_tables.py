@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.exports.arm_rows import STATES
@@ -24,8 +25,19 @@ ROWS_AT_ONCE: Final = 4096
 """Number of frames that are turned into rows at a time, so that memory stays small."""
 
 
-def long_columns(trajectories: Trajectories) -> dict[str, Any]:
-    """Return a long table as arrays by name, in the order of `COLUMNS`.
+class Texts(NamedTuple):
+    """A column of texts: a code of each row, and the text of each code."""
+
+    codes: NDArray[np.int64]
+    names: tuple[str, ...]
+
+    def texts(self) -> list[str]:
+        """Return the text of each row."""
+        return [self.names[code] for code in self.codes.tolist()]
+
+
+def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
+    """Return a long table by column, in the order of `COLUMNS`.
 
     Each keypoint of each individual that is present in a frame has a row, in the order of frames, individuals and
     keypoints. ``state`` is measured, inferred or unknown; unknown coordinates [m] are NaN, and missing labels are
@@ -43,9 +55,9 @@ def long_columns(trajectories: Trajectories) -> dict[str, Any]:
         "time_s": trajectories.times_s[f],
         "run": runs,
         **{label: _labels(trajectories, label, runs) for label in LABELS},
-        "individual": _texts(trajectories.individuals, i),
-        "keypoint": _texts(trajectories.keypoints, keypoints),
-        "state": _texts(STATES, trajectories.states[where]),
+        "individual": Texts(i, trajectories.individuals),
+        "keypoint": Texts(keypoints, trajectories.keypoints),
+        "state": Texts(trajectories.states[where].astype(np.int64), STATES),
         "x_m": x,
         "y_m": y,
         "z_m": z,
@@ -53,14 +65,13 @@ def long_columns(trajectories: Trajectories) -> dict[str, Any]:
     }
 
 
-def _texts(names: Sequence[str], places: Any) -> Any:
-    return np.asarray(names, dtype=object)[places]
-
-
-def _labels(trajectories: Trajectories, label: str, runs: Any) -> Any:
-    known, places = np.unique(runs, return_inverse=True)
+def _labels(trajectories: Trajectories, label: str, runs: Any) -> Texts:
+    known, codes = np.unique(runs, return_inverse=True)
     values = [trajectories.labels.get(int(run), {}).get(label, "") for run in known]
-    return _texts(["" if value == NOT_AVAILABLE else str(value) for value in values] or [""], places)
+    texts = ["" if value == NOT_AVAILABLE else str(value) for value in values]
+    names = tuple(dict.fromkeys(texts)) or ("",)
+    of_run = np.array([names.index(text) for text in texts], dtype=np.int64)
+    return Texts(of_run[codes] if len(codes) else codes, names)
 
 
 def wide_names(trajectories: Trajectories) -> list[str]:
@@ -86,13 +97,7 @@ def write_csv(trajectories: Trajectories, path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for some in _in_steps(trajectories):
-            columns = long_columns(some)
-            texts = [
-                _decimals(columns["time_s"], 6),
-                columns["run"].tolist(),
-                *(list(map(as_cell, columns[label])) for label in (*LABELS, "individual", "keypoint", "state")),
-                *(_decimals(columns[axis], 5) for axis in ("x_m", "y_m", "z_m", "sd_m")),
-            ]
+            texts = [_cells(name, column) for name, column in long_columns(some).items()]
             writer.writerows(zip(*texts, strict=True))
 
 
@@ -108,9 +113,15 @@ def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
         for some in _in_steps(trajectories):
             cells = np.empty((len(some), len(some.individuals), len(some.keypoints), 4), dtype=object)
             cells[..., :3] = np.reshape(_decimals(some.positions.ravel(), 5), some.positions.shape)
-            cells[..., 3] = _texts(STATES, some.states)
+            cells[..., 3] = np.asarray(STATES, dtype=object)[some.states]
             columns = zip(_decimals(some.times_s, 6), some.runs.tolist(), cells.reshape(len(some), -1), strict=True)
             writer.writerows([time, run, *row] for time, run, row in columns)
+
+
+def _cells(name: str, column: Any) -> list[Any]:
+    if isinstance(column, Texts):
+        return Texts(column.codes, tuple(map(as_cell, column.names))).texts()
+    return column.tolist() if name == "run" else _decimals(column, 6 if name == "time_s" else 5)
 
 
 def _in_steps(trajectories: Trajectories) -> Iterator[Trajectories]:
@@ -123,21 +134,20 @@ def _decimals(values: Any, digits: int) -> list[str]:
 
 
 def as_polars(trajectories: Trajectories) -> Any:
-    """Return the long table as a polars data frame; texts are categories, and unknown numbers are null.
+    """Return the long table as a polars data frame; texts are of the type Enum, and unknown numbers are null.
 
     Raises:
         SettingsError: polars is not installed; names the extra.
     """
     polars = needed("polars")
-    columns = long_columns(trajectories)
-    texts = (*LABELS, "individual", "keypoint", "state")
-    frame = polars.DataFrame(
-        {
-            name: polars.Series(name, column.tolist(), dtype=polars.Categorical) if name in texts else column
-            for name, column in columns.items()
-        }
-    )
+    frame = polars.DataFrame({name: _series(polars, column) for name, column in long_columns(trajectories).items()})
     return frame.with_columns(polars.selectors.float().fill_nan(None))
+
+
+def _series(polars: Any, column: Any) -> Any:
+    if isinstance(column, Texts):
+        return polars.Series(column.names, dtype=polars.Enum(column.names)).gather(column.codes)
+    return column
 
 
 def as_pandas(trajectories: Trajectories) -> Any:
@@ -147,10 +157,11 @@ def as_pandas(trajectories: Trajectories) -> Any:
         SettingsError: pandas is not installed; names the extra.
     """
     pandas = needed("pandas")
-    columns = long_columns(trajectories)
-    texts = (*LABELS, "individual", "keypoint", "state")
     return pandas.DataFrame(
-        {name: pandas.Categorical(column) if name in texts else column for name, column in columns.items()}
+        {
+            name: pandas.Categorical.from_codes(column.codes, column.names) if isinstance(column, Texts) else column
+            for name, column in long_columns(trajectories).items()
+        }
     )
 
 

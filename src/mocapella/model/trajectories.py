@@ -17,7 +17,7 @@ from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.arms import ARM_POINTS, PALM
 from mocapella.model.hand import ANGLES, LANDMARKS, PARENTS
 from mocapella.model.observations import JointState
-from mocapella.model.scene import Person, Scene
+from mocapella.model.scene import Scene
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -152,7 +152,7 @@ _Layout = tuple[tuple[str, ...], Bones, tuple[str, ...]]
 def _people(scene: Scene) -> Iterator[_Row]:
     joints, bones = scene.topology.joints, scene.topology.bones
     for person in scene.people:
-        yield _Row(_person_name(person), joints, bones, person.positions, person.states, person.sd)
+        yield _Row(person_name(person), joints, bones, person.positions, person.states, person.sd)
 
 
 def _views(scene: Scene) -> Iterator[_Row]:
@@ -160,10 +160,11 @@ def _views(scene: Scene) -> Iterator[_Row]:
     for person in scene.people:
         for view in person.views:
             if view.sensor == scene.sensor:  # the views of other sensors are of earlier scenes
-                yield _Row(f"{_person_name(person)}@{view.sensor}", joints, bones, view.positions, view.states)
+                yield _Row(f"{person_name(person)}@{view.sensor}", joints, bones, view.positions, view.states)
 
 
-def _person_name(person: Person) -> str:
+def person_name(person: Any) -> str:
+    """Return the name of a person's trajectories: the `Person`'s own, or one of its id."""
     return person.name or f"person_{person.id}"
 
 
@@ -218,18 +219,55 @@ PARTS: Final[Mapping[str, Callable[[Scene], Iterator[_Row]]]] = {
 VIEWS: Final = "views"
 """Kind of the trajectories of each sensor's own skeletons, such as ``person_1@front``."""
 _KINDS: Final = {**PARTS, VIEWS: _views}
+_WITH_POSES: Final = frozenset({"hands", "arms", "bodies", "objects"})
 _NUMBERED: Final = re.compile(r"(person|body)_\d+(@.*)?|(hand|arm)_\d+_(left|right)")
 """Names made of an id, which another tracker gives to other individuals."""
 
 
-class _Collected:
-    """Rows of one kind: by individual, the number of the scene and the row."""
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows of one individual with the same keypoints and angles, in several scenes.
 
-    def __init__(self) -> None:
-        self.rows: dict[tuple[int, str], list[tuple[int, _Row]]] = {}
+    Attributes:
+        run: number of the tracker's run.
+        name: name of the individual in this run.
+        scenes: (rows,) numbers of the scenes, in the order of `TimeAxis.of`.
+        layout: names of the keypoints, bones and names of the angles.
+        positions, states: (rows, keypoints, 3) and (rows, keypoints), as in `Trajectories`.
+        sd, angles, poses: (rows, keypoints), (rows, angles), (rows, 4, 4); None where unknown.
+    """
 
-    def add(self, run: int, number: int, row: _Row) -> None:
-        self.rows.setdefault((run, row.name), []).append((number, row))
+    run: int
+    name: str
+    scenes: Int64
+    layout: _Layout
+    positions: Float64
+    states: UInt8
+    sd: Float32 | None = None
+    angles: Float64 | None = None
+    poses: Float64 | None = None
+
+
+def _blocks(rows: Mapping[tuple[int, str, _Layout], Sequence[tuple[int, _Row]]]) -> Iterator[Block]:
+    for (run, name, layout), own in rows.items():
+        yield Block(
+            run,
+            name,
+            np.array([number for number, _ in own]),
+            layout,
+            np.stack([row.positions for _, row in own]),
+            np.stack([row.states for _, row in own]),
+            _stacked([row.sd for _, row in own], len(layout[0])),
+            _stacked([row.angles for _, row in own], len(layout[2])),
+            _stacked([row.pose for _, row in own], 4, 4),
+        )
+
+
+def _stacked(values: Sequence[Any], *shape: int) -> Any:
+    """Stack arrays of a shape, NaN for None; None if all are."""
+    if all(one is None for one in values):
+        return None
+    return np.stack([np.full(shape, np.nan) if one is None else one for one in values])
 
 
 def trajectories_of(
@@ -250,7 +288,7 @@ def trajectories_of(
     Raises:
         SettingsError: no scene has a pose of the sensor; lists the known sensors.
     """
-    collected = {kind: _Collected() for kind in kinds}
+    collected: dict[str, dict[tuple[int, str, _Layout], list[tuple[int, _Row]]]] = {kind: {} for kind in kinds}
     times: list[tuple[int, int]] = []
     by_sensor: dict[tuple[int, str], list[int]] = {}
     sensor_poses: list[Float64 | None] = []
@@ -261,11 +299,11 @@ def trajectories_of(
             sensor_poses.append(next((one.T_world_sensor for one in scene.sensors if one.sensor == sensor), None))
         for kind, rows in collected.items():
             for row in _KINDS[kind](scene):
-                rows.add(run, number, row)
+                rows.setdefault((run, row.name, row.layout), []).append((number, row))
     if not times:
         return {}
-    axis = _TimeAxis.of(times, by_sensor)
-    found = {kind: _assembled(kind, some.rows, axis) for kind, some in collected.items() if some.rows}
+    axis = TimeAxis.of(times, by_sensor)
+    found = {kind: assembled(kind, list(_blocks(rows)), axis) for kind, rows in collected.items() if rows}
     if sensor is None:
         return found
     if all(T is None for T in sensor_poses):
@@ -278,8 +316,13 @@ def trajectories_of(
 
 
 @dataclass(frozen=True, eq=False)
-class _TimeAxis:
-    """Frames of the trajectories: times, runs, and the frame of each scene, −1 for a scene that is left out."""
+class TimeAxis:
+    """Frames of trajectories.
+
+    Attributes:
+        times_s, runs, rate_hz, began_unix_ns: as in `Trajectories`.
+        frame_of: (scenes,) frame of each scene; −1 for a scene that another one with an equal time replaces.
+    """
 
     times_s: Float64
     runs: Int64
@@ -288,7 +331,13 @@ class _TimeAxis:
     began_unix_ns: int
 
     @staticmethod
-    def of(times: Sequence[tuple[int, int]], by_sensor: Mapping[tuple[int, str], Sequence[int]]) -> _TimeAxis:
+    def of(times: Sequence[tuple[int, int]], by_sensor: Mapping[tuple[int, str], Sequence[int]]) -> TimeAxis:
+        """Return the frames of scenes, in the order of their times; of equal times, the last scene counts.
+
+        Args:
+            times: (run, unix_ns) of each scene; at least one.
+            by_sensor: unix_ns of the scenes of each (run, sensor).
+        """
         runs, at_ns = np.array(times, dtype=np.int64).T
         order = np.argsort(at_ns, kind="stable")
         last = np.ones(len(order), dtype=np.bool_)
@@ -298,22 +347,28 @@ class _TimeAxis:
         frame_of[kept] = np.arange(len(kept))
         began = int(at_ns.min())
         rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := _median_step(sensor)) > 0]
-        return _TimeAxis((at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, max(rates, default=math.nan), began)
+        return TimeAxis((at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, max(rates, default=math.nan), began)
 
 
 def _median_step(times_ns: Sequence[int]) -> float:
     return float(np.median(np.diff(np.sort(times_ns)))) if len(times_ns) > 1 else math.nan
 
 
-def _assembled(kind: str, rows: Mapping[tuple[int, str], Sequence[tuple[int, _Row]]], axis: _TimeAxis) -> Trajectories:
-    """Return the trajectories of one kind; keypoints and angles that only some rows have are unknown elsewhere."""
-    first = min(run for run, _ in rows)
+def assembled(kind: str, blocks: Sequence[Block], axis: TimeAxis) -> Trajectories:
+    """Return the trajectories of one kind; keypoints and angles that only some blocks have are unknown elsewhere.
+
+    Args:
+        kind: name of the kind.
+        blocks: at least one.
+        axis: the frames.
+    """
+    first = min(block.run for block in blocks)
     names = {
         (run, name): f"run{run}_{name}" if run > first and _NUMBERED.fullmatch(name) else name
-        for run, name in sorted(rows)
+        for run, name in sorted({(block.run, block.name) for block in blocks})
     }
     individuals = tuple(dict.fromkeys(names.values()))
-    layouts = list(dict.fromkeys(row.layout for own in rows.values() for _, row in own))
+    layouts = list(dict.fromkeys(block.layout for block in blocks))
     widest, bones, _ = max(layouts, key=lambda layout: len(layout[0]))
     keypoints = tuple(dict.fromkeys([*widest, *(name for own, _, _ in layouts for name in own)]))
     angle_names = tuple(dict.fromkeys(name for _, _, own in layouts for name in own))
@@ -321,32 +376,21 @@ def _assembled(kind: str, rows: Mapping[tuple[int, str], Sequence[tuple[int, _Ro
     positions = np.full((*shape, len(keypoints), 3), np.nan)
     states, sd = np.zeros((*shape, len(keypoints)), np.uint8), np.full((*shape, len(keypoints)), np.nan, np.float32)
     angles = np.full((*shape, len(angle_names)), np.nan) if angle_names else np.empty((0, 0, 0))
-    has_poses = kind in {"hands", "arms", "bodies", "objects"}
-    poses = np.full((*shape, 4, 4), np.nan) if has_poses else None
-    for key, own in rows.items():
-        i = individuals.index(names[key])
-        some = [(frame, row) for number, row in own if (frame := axis.frame_of[number]) >= 0]
-        for layout in layouts:
-            alike = [(frame, row) for frame, row in some if row.layout == layout]
-            if not alike:
-                continue
-            at = np.array([frame for frame, _ in alike])[:, None]
-            to = np.array([keypoints.index(name) for name in layout[0]])[None]
-            positions[at, i, to] = np.stack([row.positions for _, row in alike])
-            states[at, i, to] = np.stack([row.states for _, row in alike])
-            sd[at, i, to] = np.stack([_or_unknown(row.sd, len(layout[0])) for _, row in alike])
-            if layout[2]:
-                to = np.array([angle_names.index(name) for name in layout[2]])[None]
-                angles[at, i, to] = np.stack([_or_unknown(row.angles, len(layout[2])) for _, row in alike])
-        if poses is not None:
-            for frame, row in some:
-                if row.pose is not None:
-                    poses[frame, i] = row.pose
+    poses = np.full((*shape, 4, 4), np.nan) if kind in _WITH_POSES else None
+    for block in blocks:
+        i, frames = individuals.index(names[block.run, block.name]), axis.frame_of[block.scenes]
+        kept = frames >= 0
+        at = frames[kept][:, None]
+        to = np.array([keypoints.index(name) for name in block.layout[0]])[None]
+        positions[at, i, to], states[at, i, to] = block.positions[kept], block.states[kept]
+        if block.sd is not None:
+            sd[at, i, to] = block.sd[kept]
+        if block.angles is not None and block.layout[2]:
+            to = np.array([angle_names.index(name) for name in block.layout[2]])[None]
+            angles[at, i, to] = block.angles[kept]
+        if block.poses is not None and poses is not None:
+            poses[at[:, 0], i] = block.poses[kept]
     return Trajectories(
         kind, axis.times_s, axis.runs, individuals, keypoints, positions, states, sd, bones, angle_names, angles, poses,
         axis.rate_hz, axis.began_unix_ns,
     )  # fmt: skip
-
-
-def _or_unknown(values: Any, count: int) -> Any:
-    return np.full(count, np.nan) if values is None else values

@@ -224,7 +224,10 @@ class TakeIndex:
             self.frames.append(FrameRef(ref, sensor, frame.node_id, frame.sequence))
 
     def _ledger(self, sensor: str, node_id: int) -> NodeLedger:
-        return self.nodes.setdefault((sensor, node_id), NodeLedger())
+        key = (sensor, node_id)
+        if key not in self.nodes:
+            self.nodes[key] = NodeLedger()
+        return self.nodes[key]
 
     def close_accounts(self) -> None:
         """Count all read frames as stored, after the last file; add a problem for each node with an unknown end."""
@@ -238,7 +241,7 @@ class TakeIndex:
         run, before = self._run_number(), self.scenes[-1] if self.scenes else None
         if before is not None and before.run == run and scene.step <= before.step:
             self.problems.append(f"run {run}: step {scene.step} follows step {before.step}; a new tracker is a new run")
-        self.parts.update(count_parts(scene))
+        count_parts(scene, self.parts)
         key = sys.intern(scene.sensor), scene.node_id, scene.sequence
         self.scenes.append(SceneRef(ref, run, scene.step, scene.at_ns, *key))
 

@@ -166,6 +166,14 @@ class Take:
         refs = (scene.ref for scene in self._index.scenes if run in (None, scene.run))
         yield from self._decoded(refs, decode_scene)
 
+    def scene_bytes(self, run: int) -> Iterator[bytes]:
+        """Yield the encoded scenes of one run, not checked, in the order of storage."""
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for scene in self._index.scenes:
+                if scene.run == run:
+                    yield self._bytes(files, scene.ref)
+
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
         """Yield (log_ns, ground truth) for the frames of a simulated sensor."""
         yield from self._decoded(self._index.others.get(take.TRUTH + sensor, []), decode_truth)

@@ -155,17 +155,22 @@ def _decode_parts(m: Any, topology: Topology) -> dict[str, tuple[Any, ...]]:
     return parts
 
 
-def count_parts(message: pb.Scene) -> Counter[str]:
-    """Return the number of parts in a parsed scene message by the name of their type, without decoding them.
+def count_parts(message: pb.Scene, counts: Counter[str]) -> None:
+    """Add the number of parts in a parsed scene message to ``counts``, by the name of their type; decode nothing.
 
     Types without a part are left out.
     """
-    counts = Counter[str]()
-    for kind in _with_fields():
-        single = kind.field in _SINGLE
-        counts[kind.name] += message.HasField(kind.field) if single else len(getattr(message, kind.field))
-    counts.update(other.kind for other in message.parts)
-    return +counts
+    for name, field, single in _fields():
+        count = message.HasField(field) if single else len(getattr(message, field))
+        if count:
+            counts[name] += count
+    for other in message.parts:
+        counts[other.kind] += 1
+
+
+@cache
+def _fields() -> tuple[tuple[str, str, bool], ...]:
+    return tuple((kind.name, kind.field, kind.field in _SINGLE) for kind in _with_fields())
 
 
 @cache
