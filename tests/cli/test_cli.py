@@ -48,6 +48,7 @@ VERBS = [
     ["export", "netcdf"],
     ["export", "trc"],
     ["export", "c3d"],
+    ["export", "bvh"],
     ["export", "arms"],
     ["export", "json"],
     ["status"],

@@ -93,9 +93,12 @@ def export(
         written: list[dict[str, Any]] = []
         for file, one in files:
             with working(f"writing {file} …", status=INTERRUPTED):
-                count = _write(chosen, one, file, wishes)
+                count, notes = _write(chosen, one, file, wishes)
             say(f"{count} frames of {', '.join(one.individuals)} in {file}")
-            written.append({"path": str(file), "frames": count, "individuals": list(one.individuals)})
+            for note in notes:
+                say(f"{file}: {note}")
+            row = {"path": str(file), "frames": count, "individuals": list(one.individuals)}
+            written.append({**row, "notes": notes} if notes else row)
         problems = list(open_take(path).problems)
         for problem in problems:
             say(f"{path.name}: {problem}")
@@ -160,8 +163,8 @@ def _file_name(individual: str) -> str:
     return "".join("-" if letter in _FORBIDDEN or not letter.isprintable() else letter for letter in individual)
 
 
-def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wishes) -> int:
-    """Write a file; return its number of frames."""
+def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wishes) -> tuple[int, list[str]]:
+    """Write a file; return its number of frames, and sentences for the user."""
     from mocapella.exports.new_file import new_file
     from mocapella.exports.trc_file import T_OPENSIM_WORLD
     from mocapella.model.resampling import resampled
@@ -171,7 +174,7 @@ def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wish
         trajectories = resampled(trajectories, wishes.rate_hz)
     if wishes.space == "opensim":
         trajectories = trajectories.moved(T_OPENSIM_WORLD)
-    write: Callable[[Trajectories, Path], None] = load(export.write)
+    write: Callable[[Trajectories, Path], list[str] | None] = load(export.write)
     with new_file(file, force=wishes.force) as part:
-        write(trajectories, part)
-    return len(trajectories)
+        notes = write(trajectories, part) or []
+    return len(trajectories), notes

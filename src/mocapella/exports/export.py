@@ -20,8 +20,8 @@ class Export:
         parts: names of the types of scene parts that the file contains; None for all types.
         command: ``module:function`` of the typer command that writes the file; its argument ``take`` is the take's
             path, or ``takes`` several. The module is imported when the subcommand runs.
-        write: ``module:function`` that writes trajectories to a path, ``write(trajectories, path)``, for `TRAJECTORIES`
-            as the command, which has all options and names the files.
+        write: ``module:function`` that writes trajectories to a path, ``write(trajectories, path)``, and may return
+            sentences for the user; for `TRAJECTORIES` as the command, which has all options and names the files.
         suffix: ending of such a file, such as ``.trc``.
         alone: whether such a file has one individual only.
         constant_rate: whether such a file has a constant frame rate.

@@ -59,3 +59,7 @@ C3D: Final = _trajectories(
     "c3d", "Points for biomechanics: one individual, constant rate, millimetres.", "c3d_file:write_c3d", ".c3d",
     alone=True,
 )  # fmt: skip
+BVH: Final = _trajectories(
+    "bvh", "Animated skeleton for Blender and games: one individual, constant rate, centimetres.", "bvh_file:write_bvh",
+    ".bvh", alone=True,
+)  # fmt: skip

@@ -1,0 +1,92 @@
+"""Write BVH, an animated skeleton that Blender and other animation programs read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mocapella.geometry.bone_rotations import local_rotations
+from mocapella.model.rest_pose import RigidSkeleton, rigid_motion, skeleton_of
+from mocapella.model.trajectories import Trajectories
+
+Float64 = NDArray[np.float64]
+
+CM_PER_M: Final = 100.0
+TURNS: Final = "Zrotation Xrotation Yrotation"
+_LEAST_END_CM: Final = 2.0
+"""Least length of the end of a joint without children [cm]."""
+
+
+def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
+    """Write one individual as BVH, in centimetres, Y up; at rest in a T pose that looks along +Z, with its left on +X.
+
+    Bones are rigid, with their median lengths. The root has a position; every joint has a rotation in the order Z, X,
+    Y. A joint without a known position keeps its last one relative to its parent.
+
+    Args:
+        trajectories: one individual at a constant rate.
+        path: the file.
+
+    Returns:
+        Sentences about joints that are held, and about the distance of the rigid skeleton from the measured joints.
+
+    Raises:
+        SettingsError: the individual has no skeleton, or is never known.
+        OSError: the file cannot be written.
+    """
+    skeleton = skeleton_of(trajectories)
+    motion = rigid_motion(trajectories, skeleton)
+    local = local_rotations(skeleton.parents, motion.R)
+    order = _depth_first(skeleton)
+    turns = Rotation.from_matrix(local[:, order].reshape(-1, 3, 3)).as_euler("ZXY", degrees=True)
+    angles = np.unwrap(turns.reshape(len(trajectories), len(order), 3), axis=0, period=360.0)
+    rows = np.concatenate([CM_PER_M * motion.root, angles.reshape(len(trajectories), -1)], axis=1)
+    lines = ["HIERARCHY", *_joint(skeleton, 0, 0), "MOTION", f"Frames: {len(trajectories)}"]
+    lines.append(f"Frame Time: {1.0 / trajectories.rate_hz:.9f}")
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="")
+    known = motion.error_m[np.isfinite(motion.error_m)]
+    notes = [f"bones are rigid: joints are {1000 * np.median(known):.0f} mm off in the median, "
+             f"{1000 * np.percentile(known, 95):.0f} mm at 95 %"]  # fmt: skip
+    if motion.held.any():
+        notes.append(f"{motion.held.mean():.0%} of the joints are unknown and keep their last position")
+    return notes
+
+
+def _depth_first(skeleton: RigidSkeleton, joint: int = 0) -> list[int]:
+    """Return the joints in the order of the file's hierarchy."""
+    children = np.flatnonzero(skeleton.parents == joint).tolist()
+    return [joint, *(one for child in children for one in _depth_first(skeleton, child))]
+
+
+def _joint(skeleton: RigidSkeleton, joint: int, depth: int) -> list[str]:
+    """Return the lines of a joint and all joints below it."""
+    indent, root = "\t" * depth, joint == 0
+    offset = CM_PER_M * skeleton.offsets[joint]
+    lines = [
+        f"{indent}{'ROOT' if root else 'JOINT'} {_word(skeleton.names[joint])}",
+        f"{indent}{{",
+        f"{indent}\tOFFSET {_numbers(offset)}",
+        f"{indent}\tCHANNELS 6 Xposition Yposition Zposition {TURNS}" if root else f"{indent}\tCHANNELS 3 {TURNS}",
+    ]
+    children = np.flatnonzero(skeleton.parents == joint).tolist()
+    for child in children:
+        lines += _joint(skeleton, child, depth + 1)
+    if not children:
+        length = float(np.linalg.norm(offset))
+        end = offset * max(0.3, _LEAST_END_CM / length) if length > 1e-6 else np.array([0.0, _LEAST_END_CM, 0.0])
+        lines += [f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {_numbers(end)}", f"{indent}\t}}"]
+    return [*lines, f"{indent}}}"]
+
+
+def _numbers(values: Float64) -> str:
+    return " ".join(f"{value:.6f}" for value in values.tolist())
+
+
+def _word(name: str) -> str:
+    """Return a name without spaces, which end a name in a BVH."""
+    return "_".join(name.split()) or "joint"

@@ -1,0 +1,164 @@
+"""A skeleton with rigid bones for trajectories: the tree of their bones, its rest pose, and poses without gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import SettingsError
+from mocapella.geometry.bone_rotations import joint_rotations, posed
+from mocapella.model.trajectories import Trajectories
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...]] = (
+    (("heel",), (0.0, 0.0, -1.0)),
+    (("foot", "toe"), (0.0, 0.0, 1.0)),
+    (("knee", "ankle"), (0.0, -1.0, 0.0)),
+    (("nose", "eye", "ear", "mouth"), (0.0, 0.5, 1.0)),
+    (("shoulder", "elbow", "wrist", "hand", "thumb", "finger", "clavicle", "index", "pinky", "hip"), (1.0, 0.0, 0.0)),
+)
+"""Directions of bones in a T pose by a word in the name of the joint at their end, of the left side."""
+_UP: Final = (0.0, 1.0, 0.0)
+_ROUNDS: Final = 4
+"""Number of times that the rest pose is brought nearer to the measured angles between bones of one joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidSkeleton:
+    """A tree of rigid bones at rest; parents come before their children.
+
+    Attributes:
+        keypoints: index of each joint's keypoint.
+        names: names of the joints.
+        parents: (joints,) index of the parent joint; −1 for the root, which is the first.
+        offsets: (joints, 3) from the parent at rest: x to the left of the person, y up, z forward [m].
+    """
+
+    keypoints: tuple[int, ...]
+    names: tuple[str, ...]
+    parents: Int64
+    offsets: Float64
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """Poses of a rigid skeleton over time.
+
+    Attributes:
+        skeleton: the skeleton.
+        root: (frames, 3) position of the root in the world [m].
+        R: (frames, joints, 3, 3) rotations of the joints from the rest pose to the world.
+        held: (frames, joints) whether a joint is unknown and keeps the position relative to its parent.
+        error_m: (frames, joints) distance of the joints from the measured ones, because measured bones change their
+            lengths; NaN where held [m].
+    """
+
+    skeleton: RigidSkeleton
+    root: Float64
+    R: Float64
+    held: NDArray[np.bool_]
+    error_m: Float64
+
+
+def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
+    """Return the skeleton of one individual: its bones with their median lengths.
+
+    People are at rest in a T pose, others as in the first frame in which most of their keypoints are known; bones of
+    one joint keep the mean angles between them. A bone that is never seen has no length.
+
+    Args:
+        trajectories: one individual.
+
+    Raises:
+        SettingsError: it has no bones, or they are not one tree.
+    """
+    children = {child: parent for parent, child in trajectories.bones}
+    roots = {parent for parent, _ in trajectories.bones} - children.keys()
+    if len(roots) != 1 or len(children) != len(trajectories.bones):
+        raise SettingsError(f"{trajectories.individuals[0]} has no skeleton: {trajectories.kind} have no tree of bones")
+    order = [*roots]
+    for joint in order:  # grows on the way
+        order += [child for child, parent in children.items() if parent == joint]
+    place = {joint: i for i, joint in enumerate(order)}
+    parents = np.array([-1, *(place[children[joint]] for joint in order[1:])])
+    positions = trajectories.positions[:, 0, order]
+    bones = positions[:, 1:] - positions[:, parents[1:]]
+    seen = np.all(np.isfinite(bones), axis=2)
+    lengths = np.array([np.median(np.linalg.norm(bones[seen[:, k], k], axis=1)) if seen[:, k].any() else 0.0
+                        for k in range(len(order) - 1)])  # fmt: skip
+    if trajectories.kind in {"people", "views"}:
+        directions = np.array([_direction(trajectories.keypoints[joint]) for joint in order[1:]])
+    else:
+        fullest = int(np.argmax(seen.sum(axis=1)))
+        directions = np.where(seen[fullest][:, None], bones[fullest], _UP)
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    offsets = np.vstack([np.zeros(3), directions * lengths[:, None]])
+    whole = np.all(seen, axis=1)
+    for _ in range(_ROUNDS if whole.any() else 0):
+        offsets = _adapted(parents, offsets, positions[whole])
+    return RigidSkeleton(tuple(order), tuple(trajectories.keypoints[joint] for joint in order), parents, offsets)
+
+
+def _adapted(parents: Int64, offsets: Float64, positions: Float64) -> Float64:
+    """Return offsets whose angles between the bones of a joint are nearer to the measured ones (frames, joints, 3)."""
+    R = joint_rotations(parents, offsets, positions)
+    own = np.einsum("fjki,fjk->fji", R[:, parents[1:]], positions[:, 1:] - positions[:, parents[1:]])
+    mean = own.mean(axis=0)
+    lengths = np.linalg.norm(offsets[1:], axis=1, keepdims=True)
+    found = np.linalg.norm(mean, axis=1, keepdims=True)
+    several = np.array([(parents == parent).sum() > 1 for parent in parents[1:]])[:, None]
+    return np.vstack(
+        [np.zeros(3), np.where(several & (found > 0), mean * lengths / np.maximum(found, 1e-9), offsets[1:])]
+    )
+
+
+def _direction(joint: str) -> tuple[float, float, float]:
+    name = joint.lower()
+    for words, direction in _DIRECTIONS:
+        if any(word in name for word in words) and "spine" not in name:
+            side = -1.0 if "right" in name or name.startswith("r_") else 1.0
+            sideways = "hip" in name and direction[0] != 0
+            return side * direction[0], -0.3 if sideways else direction[1], direction[2]
+    return _UP
+
+
+def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMotion:
+    """Return the poses of a skeleton that follow one individual's keypoints.
+
+    An unknown joint keeps its last known position relative to its parent, or the first one before it was ever known; a
+    joint that was never known is at rest.
+
+    Args:
+        trajectories: one individual, whose root is known in one frame at least.
+        skeleton: its `skeleton_of`.
+
+    Raises:
+        SettingsError: the root is never known.
+    """
+    measured = trajectories.positions[:, 0, list(skeleton.keypoints)]
+    known: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=2)
+    if not known[:, 0].any():
+        raise SettingsError(f"{trajectories.individuals[0]}: {skeleton.names[0]} is never known")
+    filled = measured.copy()
+    filled[:, 0] = _held(measured[:, 0], known[:, 0])
+    for joint in range(1, len(skeleton.parents)):
+        parent = skeleton.parents[joint]
+        both = known[:, joint] & known[:, parent]
+        relative = measured[:, joint] - measured[:, parent]
+        held = _held(relative, both) if both.any() else np.broadcast_to(skeleton.offsets[joint], relative.shape)
+        filled[:, joint] = np.where(known[:, joint, None], measured[:, joint], filled[:, parent] + held)
+    R = joint_rotations(skeleton.parents, skeleton.offsets, filled)
+    placed = posed(skeleton.parents, skeleton.offsets, filled[:, 0], R)
+    error = np.where(known, np.linalg.norm(placed - measured, axis=2), np.nan)
+    return RigidMotion(skeleton, filled[:, 0], R, ~known, error)
+
+
+def _held(values: Float64, known: NDArray[np.bool_]) -> Float64:
+    """Replace unknown rows by the last known one, or by the first known one before it."""
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    return np.asarray(values[np.where(last >= 0, last, np.argmax(known))])
