@@ -35,13 +35,13 @@ def test_a_csv_has_a_row_for_each_point_that_is_known() -> None:
     assert rows[2][6] == ""
 
 
-def test_a_trc_has_every_frame_and_what_is_not_known_is_empty() -> None:
+def test_a_trc_has_every_frame_and_nan_where_a_point_is_unknown() -> None:
     trc = as_trc(TRACKS, "x.trc")
     lines = [line.split("\t") for line in trc.splitlines()]
     assert lines[2][:5] == ["2", "2", "2", "2", "m"]
     assert [name for name in lines[3] if name] == ["Frame#", "Time", "a", "b"]
     assert lines[4][2:] == ["X1", "Y1", "Z1", "X2", "Y2", "Z2"]
-    assert places(trc)[0] == ["3", "0.000000", "1.000000", "2.000000", "3.000000", "", "", ""]
+    assert places(trc)[0] == ["3", "0.000000", "1.000000", "2.000000", "3.000000", "NaN", "NaN", "NaN"]
     assert places(trc)[1][1] == "0.500000"
 
 

@@ -29,7 +29,7 @@ def write_space_tracks(tracks: SpaceTracks, path: Path, *, up: str = "y", hz: fl
     """Write named 3D points as CSV or TRC, by the path's suffix. The file appears complete or not at all.
 
     Args:
-        tracks: the points. A CSV has rows for known points only; a TRC has empty values for unknown ones.
+        tracks: the points. A CSV has rows for known points only; a TRC has NaN for unknown ones.
         path: the file, ending with .csv or .trc; an existing one is replaced.
         up: the world's upward axis: y or z, or -y if the world is a camera frame with y down. The points of a TRC are
             rotated so that Y is up; a CSV keeps the world's axes.
@@ -94,7 +94,7 @@ def as_csv(tracks: SpaceTracks, hz: float | None = None) -> str:
 
 
 def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = None) -> str:
-    """Return the text of a TRC, the marker file of OpenSim, in metres with Y up; unknown coordinates are empty.
+    """Return the text of a TRC, the marker file of OpenSim, in metres with Y up; unknown coordinates are NaN.
 
     The first frame's time is 0, and the frames keep their numbers. Without ``hz``, the header's rate is that of the
     median interval between frames with different times, or 1 Hz for a single frame.
@@ -129,7 +129,9 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
     sign = np.array([1.0, -1.0, -1.0]) if up == "-y" else 1.0
     places = tracks.positions[..., list(UP[up])] * sign
     for i in range(count):
-        cells = ["" if np.isnan(value) else f"{value:.6f}" for value in places[i].ravel()]
+        cells = [
+            "NaN" if np.isnan(value) else f"{value:.6f}" for value in places[i].ravel()
+        ]  # OpenSim drops empty ends
         lines.append("\t".join([str(int(tracks.frames[i])), f"{at_s[i] - at_s[0]:.6f}", *cells]))
     return "\n".join(lines) + "\n"
 

@@ -19,7 +19,7 @@ T_OPENSIM_WORLD: Final = np.array(
 
 
 def write_trc(trajectories: Trajectories, path: Path) -> None:
-    """Write one individual as TRC, in metres, with Y up; unknown coordinates are empty. The first frame is number 1.
+    """Write one individual as TRC, in metres, with Y up; unknown coordinates are NaN. The first frame is number 1.
 
     Args:
         trajectories: one individual at a constant rate.
