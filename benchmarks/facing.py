@@ -5,6 +5,7 @@ The peer is the same in numpy, for all bodies of a frame at once, as the trainin
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from benchmarks.harness import Row, against_peer, at_most, measured
 from mocapella.evaluation.facing_simulation import simulated_figures
 from mocapella.fusion.facing import FacingFilter
-from mocapella.fusion.facing_grid import STEP_S, circular_sd, most_likely, turned_on, unknown
+from mocapella.fusion.facing_grid import STEP_S, circular_sd, most_likely_angle, turned_on, unknown
 from mocapella.fusion.facing_model import shipped_model, untrained
 from mocapella.fusion.facing_shape import view_of
 from mocapella.fusion.facing_training import believed, evidence
@@ -42,7 +43,8 @@ def cost(quick: bool) -> Row:
     positions = rng.normal(size=(BODIES, len(TOPOLOGY), 3))
     toward, velocities = rng.uniform(-np.pi, np.pi, BODIES), rng.normal(size=(BODIES, 3))
     facings, people, model, frame = FacingFilter(TOPOLOGY), list(range(BODIES)), shipped_model(), 0
-    p = np.broadcast_to(unknown(), (BODIES, len(unknown())))
+    p = p_angle = np.broadcast_to(unknown(), (BODIES, len(unknown())))
+    angles = replace(facings.settings, shape_weight=0.0)
 
     def ours() -> None:
         nonlocal frame
@@ -51,12 +53,13 @@ def cost(quick: bool) -> Row:
         facings.update(sensor, people, positions, toward, frame / 30 / len(SENSORS), velocities)
 
     def peer() -> None:
-        nonlocal p
-        view = view_of(positions, toward, TOPOLOGY)
-        said = evidence(view, toward, model, facings.settings, np.ones(BODIES))
-        said = said + facings.settings.motion_weight * model.motion_evidence(velocities)
-        p = believed(turned_on(p, 1 / 30 / len(SENSORS) / STEP_S), said)
-        most_likely(p), circular_sd(p)
+        nonlocal p, p_angle
+        view, steps = view_of(positions, toward, TOPOLOGY), 1 / 30 / len(SENSORS) / STEP_S
+        all_of_it, of_angle = (evidence(view, toward, model, s, np.ones(BODIES)) for s in (facings.settings, angles))
+        motion = facings.settings.motion_weight * model.motion_evidence(velocities)
+        p = believed(turned_on(p, steps), all_of_it + motion)
+        p_angle = believed(turned_on(p_angle, steps), of_angle + motion)
+        most_likely_angle(p, p_angle), circular_sd(p)
 
     number = 100 if quick else 1000
     name = f"facing: a frame of {BODIES} bodies"

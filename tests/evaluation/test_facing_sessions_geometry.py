@@ -115,5 +115,6 @@ def test_nobody_is_judged_twice(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(module, "train", lambda *_: shipped_model())
     monkeypatch.setattr(module, "_yaws", yaws)
+    monkeypatch.setattr(module, "reference_facings", yaws)
     assert {told.sessions for told in left_out(sessions, 3, shipped_model()).values()} == {3}
     assert asked == [[n] for n in (2, 4, 9) for _ in range(5)] + [[2, 4, 9]] * 2

@@ -15,7 +15,17 @@ from support.kinematic_bodies import standing
 
 from mocapella.errors import SettingsError
 from mocapella.fusion.facing import FacingFilter, FacingMemory, FacingSettings
-from mocapella.fusion.facing_grid import BIN, LEAST, STEP_S, YAWS, circular_sd, most_likely, turned_on, unknown
+from mocapella.fusion.facing_grid import (
+    BIN,
+    LEAST,
+    STEP_S,
+    YAWS,
+    circular_sd,
+    most_likely,
+    most_likely_angle,
+    turned_on,
+    unknown,
+)
 from mocapella.fusion.facing_kernels import ALONE_S, LABELS_TRUE, REPORTED_SD, UNLIKE_S, view_worth
 from mocapella.fusion.facing_model import FacingModel, shipped_model, untrained
 from mocapella.fusion.facing_shape import LEANS_FROM, LEANS_TO, LENGTHS_M, View, view_of
@@ -37,7 +47,7 @@ class InNumpy:
 
     def __init__(self, model: FacingModel, first_s: float) -> None:
         self.model, self.settings = model, FacingSettings()
-        self.p, self.at_s, self.told_s = unknown(), first_s, dict[str, float]()
+        self.p, self.p_angle, self.at_s, self.told_s = unknown(), unknown(), first_s, dict[str, float]()
         self.mirrored: dict[str, bool] = {}
         self.unlike: dict[str, float] = {}
 
@@ -45,7 +55,8 @@ class InNumpy:
         self, sensor: str, positions: np.ndarray, toward: float, at_s: float, velocity: np.ndarray
     ) -> tuple[float, float, bool, float]:
         s = self.settings
-        self.p = turned_on(self.p, (at_s - self.at_s) / STEP_S) if at_s > self.at_s else self.p
+        if at_s > self.at_s:
+            self.p, self.p_angle = (turned_on(p, (at_s - self.at_s) / STEP_S) for p in (self.p, self.p_angle))
         self.at_s = max(self.at_s, at_s)
         view = view_of(positions, np.array(toward), KINECT)
         if np.isfinite(view.reported):
@@ -53,11 +64,12 @@ class InNumpy:
                 who: np.array(np.clip((self.at_s - self.told_s.get(who, -np.inf)) / STEP_S, 0, 1))
                 for who in (sensor, "motion")
             }
-            said = self.trained(view, toward, sensor, counts[sensor], upright(positions, toward + float(view.seen)))
-            said = said + s.motion_weight * counts["motion"] * self.model.motion_evidence(velocity)
+            trained = self.trained(view, sensor, upright(positions, toward + float(view.seen)))
+            moves = s.motion_weight * counts["motion"] * self.model.motion_evidence(velocity)
+            said = [moves + self.of_view(view, toward, counts[sensor], trained, w) for w in (s.shape_weight, 0.0)]
             self.told_s |= dict.fromkeys(counts, self.at_s)
-            self.p = believed(self.p, said)
-        yaw, was = float(most_likely(self.p)), self.mirrored.get(sensor, False)
+            self.p, self.p_angle = believed(self.p, said[0]), believed(self.p_angle, said[1])
+        yaw, was = float(most_likely_angle(self.p, self.p_angle)), self.mirrored.get(sensor, False)
         if np.isfinite(view.reported):
             away = self.p[np.abs(wrap(YAWS - view.reported)) > np.pi / 2].sum()
             others = [at for who, at in self.told_s.items() if who not in (sensor, "motion")]
@@ -69,18 +81,22 @@ class InNumpy:
         self.mirrored[sensor] = mirrored
         return yaw, float(circular_sd(self.p)), mirrored, float(wrap(view.reported + (np.pi if mirrored else 0.0)))
 
-    def trained(self, view: View, toward: float, sensor: str, counts: np.ndarray, upright: float) -> np.ndarray:
-        """The evidence of the tables; for a view unlike the training data, that of its labels, taken as they are."""
+    def trained(self, view: View, sensor: str, upright: float) -> float:
+        """How like the training data the sensor's view is, 0 to 1."""
         if self.model.classifier is None:
-            return evidence(view, np.array(toward), self.model, self.settings, counts)
+            return 1.0
         forget = -np.expm1((self.told_s.get(sensor, -np.inf) - self.at_s) / UNLIKE_S)
         far, before = float(self.model.classifier.unlike(view.features)), self.unlike.get(sensor, 0.0)
         self.unlike[sensor] = before + forget * (far - before)
-        u = 1 - (1 - self.unlike[sensor]) * upright
+        return (1 - self.unlike[sensor]) * upright
+
+    def of_view(self, view: View, toward: float, counts: np.ndarray, trained: float, shape_weight: float) -> np.ndarray:
+        """The evidence of the tables; for a view unlike the training data, that of its labels, taken as they are."""
         near = np.cos(YAWS - view.reported) - 1
         modes = LABELS_TRUE * np.exp(near / REPORTED_SD**2) + (1 - LABELS_TRUE) * np.exp((-near - 2) / REPORTED_SD**2)
         labels = self.settings.yaw_weight * counts * np.log(modes + LEAST)
-        return (1 - u) * evidence(view, np.array(toward), self.model, self.settings, counts) + u * labels
+        used = dataclasses.replace(self.settings, shape_weight=shape_weight)
+        return trained * evidence(view, np.array(toward), self.model, used, counts) + (1 - trained) * labels
 
 
 def upright(positions: np.ndarray, yaw: float) -> float:
@@ -107,6 +123,8 @@ def test_the_compiled_filter_says_what_the_numpy_form_says(seed: int, name: str)
             )
             row = facings.memory.p[facings.memory.people[person]]
             np.testing.assert_allclose(row, numpy_form[person].p, atol=1e-9)
+            row = facings.memory.p_angle[facings.memory.people[person]]
+            np.testing.assert_allclose(row, numpy_form[person].p_angle, atol=1e-9)
             assert wrap(now.yaw[n] - yaw) == pytest.approx(0, abs=1e-9)
             assert now.sd[n] == pytest.approx(sd, abs=1e-6)  # steep where every direction is alike
             assert now.mirrored[n] == mirrored
@@ -318,6 +336,39 @@ def test_what_is_remembered_can_be_kept_and_put_back_to_the_bit(seed: int, k: in
     resumed.memory = unpack(pack(first.memory, (FacingMemory,)), (FacingMemory,))
     frames.give(resumed, k)
     assert pack(resumed.memory, (FacingMemory,)) == pack(whole.memory, (FacingMemory,))
+
+
+def test_a_snapshot_without_the_angle_continues_with_all_evidence() -> None:
+    first, resumed = FacingFilter(KINECT), FacingFilter(KINECT)
+    frames = frames_of(4)
+    frames.give(first, 0, 6)
+    old = msgspec.to_builtins(first.memory, builtin_types=(np.ndarray,))
+    del old["p_angle"]
+    resumed.memory = FacingMemory(**old)
+    assert resumed.memory.p_angle.tobytes() == first.memory.p.tobytes()
+    frames.give(resumed, 6)
+    assert resumed.memory.p_angle.tobytes() != resumed.memory.p.tobytes()
+
+
+@pytest.mark.parametrize("degrees", [-30.0, 30.0])
+def test_a_shape_between_front_and_back_does_not_turn_the_facing(degrees: float) -> None:
+    """Of another body, the score in front of a sensor is that of the training's people seen from the side."""
+    model, body = shipped_model(), standing(yaw=np.radians(degrees))
+    classifier = model.classifier
+    assert classifier is not None
+    score, _ = classifier.score(view_of(body, np.zeros(()), KINECT).features)
+    constant = np.append(np.zeros(len(classifier.weights) - 1), score - 0.2)
+    odd = msgspec.structs.replace(classifier, weights=classifier.weights - constant)
+    yaws = []
+    for weight in (0.0, 0.2):
+        facing = FacingFilter(
+            KINECT, FacingSettings(shape_weight=weight), msgspec.structs.replace(model, classifier=odd)
+        )
+        for k in range(60):
+            now = facing.update("front", [1], body[None], np.zeros(1), k / 30, np.full((1, 3), np.nan))
+        yaws.append(now.yaw[0])
+    assert abs(np.degrees(wrap(most_likely(facing.memory.p[0]) - yaws[0]))) > 5
+    assert wrap(yaws[1] - yaws[0]) == pytest.approx(0, abs=1e-6)
 
 
 @given(seeds)

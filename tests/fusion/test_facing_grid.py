@@ -6,7 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocapella.fusion.facing_grid import BIN, BINS, YAWS, circular_sd, most_likely, turned, turned_on, unknown
+from mocapella.fusion.facing_grid import (
+    ANGLE_WITHIN,
+    BIN,
+    BINS,
+    YAWS,
+    circular_sd,
+    most_likely,
+    most_likely_angle,
+    turned,
+    turned_on,
+    unknown,
+)
 from mocapella.geometry.angles import wrap
 
 some = arrays(np.float64, BINS, elements=st.floats(1e-6, 1.0)).map(lambda p: p / p.sum())
@@ -59,3 +70,16 @@ def test_a_hump_is_found_where_it_is(yaw: float, concentration: float, bins: int
 def test_of_two_opposite_humps_the_larger_one_is_taken_and_not_their_middle() -> None:
     p = np.exp(20 * np.cos(YAWS - 0.3)) + 0.9 * np.exp(20 * np.cos(YAWS - 0.3 - np.pi))
     assert most_likely(p) == pytest.approx(0.3, abs=0.02)
+
+
+@given(some, some)
+def test_the_angle_is_near_the_most_likely_yaw(p: np.ndarray, angle: np.ndarray) -> None:
+    assert abs(wrap(most_likely_angle(p, angle) - most_likely(p))) <= ANGLE_WITHIN + 1e-9
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-0.4, 0.4), st.floats(0.1, 0.9))
+def test_the_side_is_of_one_distribution_and_the_angle_of_the_other(yaw: float, off: float, back: float) -> None:
+    """The angle is as likely forwards as backwards, and the side is known with an error of up to 23°."""
+    side = np.exp(8 * np.cos(YAWS - yaw - off))
+    angle = (1 - back) * np.exp(20 * np.cos(YAWS - yaw)) + back * np.exp(20 * np.cos(YAWS - yaw - np.pi))
+    assert wrap(most_likely_angle(side, angle) - yaw) == pytest.approx(0, abs=BIN / 2)

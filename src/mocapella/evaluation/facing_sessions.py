@@ -15,7 +15,7 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.fused_metrics import HEADING_OVER, MOVING, facing_yaw, reversals
 from mocapella.evaluation.study_pairs import StudySession, study_sessions
 from mocapella.fusion.facing import FacingSettings
-from mocapella.fusion.facing_grid import most_likely
+from mocapella.fusion.facing_grid import most_likely, most_likely_angle
 from mocapella.fusion.facing_model import FacingModel, untrained
 from mocapella.fusion.facing_shape import view_of
 from mocapella.fusion.facing_training import FacingSequence, posteriors, train
@@ -284,14 +284,15 @@ def reference_facings(sessions: Sequence[FacingSession], model: FacingModel) -> 
     Returns:
         The yaw (frames,) of each session [rad].
     """
-    return _yaws(sessions, model, FacingSettings(motion_weight=0.0), smooth=True)
-
-
-def _yaws(
-    sessions: Sequence[FacingSession], model: FacingModel, settings: FacingSettings, smooth: bool = False
-) -> list[Float64]:
     sequences = [session.sequence for session in sessions]
-    return [most_likely(p) for p in posteriors(sequences, model, settings, smooth=smooth)]
+    return [*map(most_likely, posteriors(sequences, model, FacingSettings(motion_weight=0.0), smooth=True))]
+
+
+def _yaws(sessions: Sequence[FacingSession], model: FacingModel, settings: FacingSettings) -> list[Float64]:
+    """Return the facings (frames,) of each session as the filter estimates them [rad]."""
+    sequences = [session.sequence for session in sessions]
+    ps, p_angles = (posteriors(sequences, model, s) for s in (settings, replace(settings, shape_weight=0.0)))
+    return [*map(most_likely_angle, ps, p_angles)]
 
 
 def left_out(

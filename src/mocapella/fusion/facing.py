@@ -3,12 +3,15 @@
     p        ← turned on(p, Δt)                                         process model: random turns, see `facing_grid`
     log p   += w_yaw·yaw(α, β) + w_shape·shape(α, score)                α = facing − direction to the sensor
     log p   += w_motion·motion(speed, facing − heading)
+    facing   = most likely by yaw and motion, on the side that is most likely by all three
 
 Each update processes one sensor's frame. The weights are far below 1 because successive frames repeat the same
 evidence; evidence of a source is weighted by the time since its last use, so that fast sensors do not count more. The
-facing of a person is estimated, not that of a view. A view is *mirrored*, its left and right labels exchanged, if it
-is likely enough that the yaw which they imply is more than 90° off. Bodies unlike the training data give evidence by
-their labels only, and little between front and back, so that their labels stay. See docs/methods/facing.md.
+facing of a person is estimated, not that of a view. The shape tells front from back, and not the angle: a score between
+those of fronts and backs rather means another body than one that is seen from the side. A view is *mirrored*, its left
+and right labels exchanged, if it is likely enough that the yaw which they imply is more than 90° off. Bodies unlike the
+training data give evidence by their labels only, and little between front and back, so that their labels stay. See
+docs/methods/facing.md.
 """
 
 from __future__ import annotations
@@ -80,7 +83,7 @@ class FacingArrays(NamedTuple):
     """The arrays of a `FacingMemory`, not copies, for the kernels, which change them in place.
 
     Attributes:
-        p: (people, BINS) probability of each facing.
+        p, p_angle: (people, BINS) probability of each facing, with and without the evidence of shapes.
         at_s: (people,) time of the probabilities [s].
         told_s: (people, 1 + sensors) time of the last evidence from the motion, and from each sensor [s].
         mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
@@ -88,6 +91,7 @@ class FacingArrays(NamedTuple):
     """
 
     p: Float64
+    p_angle: Float64
     at_s: Float64
     told_s: Float64
     mirrored: Bools
@@ -164,6 +168,7 @@ class FacingMemory(msgspec.Struct, eq=False):
             clock [s].
         mirrored: (people, sensors) whether the labels were mirrored in the sensor's last frame.
         unlike: (people, sensors) how unlike the training data the sensor's views have been lately, 0 to 1.
+        p_angle: (people, BINS) as ``p``, without the evidence of shapes; a copy of ``p`` in snapshots without it.
     """
 
     people: dict[int, int]
@@ -174,6 +179,12 @@ class FacingMemory(msgspec.Struct, eq=False):
     told_s: Float64
     mirrored: Bools
     unlike: Float64
+    p_angle: Float64 = msgspec.field(default_factory=lambda: np.empty((0, BINS)))
+
+    def __post_init__(self) -> None:
+        """Complete a snapshot of a version without ``p_angle``."""
+        if self.p_angle.shape != self.p.shape:
+            self.p_angle = self.p.copy()
 
 
 class Repair(msgspec.Struct, frozen=True):
@@ -305,7 +316,7 @@ class FacingFilter:
         """
         slots, column = self._slots(people, at_s), self._column(sensor)
         m = self.memory
-        memory = FacingArrays(m.p, m.at_s, m.told_s, m.mirrored, m.unlike)
+        memory = FacingArrays(m.p, m.p_angle, m.at_s, m.told_s, m.mirrored, m.unlike)
         return FacingInputs(slots, column, m.zero, memory, self._tables, self._weights)
 
     def predicted(self, people: Sequence[int], at_s: float) -> PredictedFacings:
@@ -313,9 +324,10 @@ class FacingFilter:
 
         For a time before a person's last frame, the prediction is the last estimate.
         """
-        memory, out = self.memory, np.empty((2, len(people)))
-        slots = np.array([memory.people.get(person, -1) for person in people], dtype=np.int64)
-        _kernels().predict(slots, float(at_s), memory.zero, memory.p, memory.at_s, self._tables.tables, out)
+        m, out = self.memory, np.empty((2, len(people)))
+        slots = np.array([m.people.get(person, -1) for person in people], dtype=np.int64)
+        memory = FacingArrays(m.p, m.p_angle, m.at_s, m.told_s, m.mirrored, m.unlike)
+        _kernels().predict(slots, float(at_s), m.zero, memory, self._tables.tables, out)
         return PredictedFacings(out[0], out[1])
 
     def forget(self, kept: Collection[int]) -> None:
@@ -342,8 +354,11 @@ class FacingFilter:
             return
         pair = [one, other]
         at_s = memory.at_s[pair].max()
-        p = np.prod(turned_on(memory.p[pair], (at_s - memory.at_s[pair]) / STEP_S), axis=0)
-        memory.p[one], memory.at_s[one] = p / p.sum(), at_s
+        steps = (at_s - memory.at_s[pair]) / STEP_S
+        for of_all in (memory.p, memory.p_angle):
+            p = np.prod(turned_on(of_all[pair], steps), axis=0)
+            of_all[one] = p / p.sum()
+        memory.at_s[one] = at_s
         later = memory.told_s[other, 1:] > memory.told_s[one, 1:]
         memory.mirrored[one] = np.where(later, memory.mirrored[other], memory.mirrored[one])
         memory.unlike[one] = np.where(later, memory.unlike[other], memory.unlike[one])
@@ -357,7 +372,7 @@ class FacingFilter:
     def _keep_rows(self, rows: dict[int, int]) -> None:
         memory, kept = self.memory, np.array(list(rows.values()), dtype=np.int64)
         memory.people = {person: row for row, person in enumerate(rows)}
-        memory.p, memory.at_s = memory.p[kept], memory.at_s[kept]
+        memory.p, memory.p_angle, memory.at_s = memory.p[kept], memory.p_angle[kept], memory.at_s[kept]
         memory.told_s, memory.mirrored = memory.told_s[kept], memory.mirrored[kept]
         memory.unlike = memory.unlike[kept]
 
@@ -369,6 +384,7 @@ class FacingFilter:
             memory.people |= {person: len(memory.people) + n for n, person in enumerate(new)}
             n, sensors = len(new), len(memory.sensors)
             memory.p = np.concatenate([memory.p, np.broadcast_to(unknown(), (n, BINS))])
+            memory.p_angle = np.concatenate([memory.p_angle, np.broadcast_to(unknown(), (n, BINS))])
             memory.at_s = np.concatenate([memory.at_s, np.full(n, at_s)])
             memory.told_s = np.concatenate([memory.told_s, np.full((n, 1 + sensors), -np.inf)])
             memory.mirrored = np.concatenate([memory.mirrored, np.zeros((n, sensors), dtype=np.bool_)])

@@ -26,6 +26,9 @@ YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
 STEP_S: Final = 1 / 29
 """Mean time between a person's random turns in the process model [s]."""
 
+ANGLE_WITHIN: Final = np.pi / 4
+"""Largest difference of the angle from the most likely yaw by all evidence, see `most_likely_angle` [rad]. With 90°,
+walking people of the study whose yaw is ambiguous are turned round more often."""
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
 LEAST: Final = 1e-12
@@ -105,6 +108,20 @@ def most_likely(p: Float64) -> Float64:
     best = five.argmax(axis=-1)[..., None]
     near = np.take_along_axis(p, (best + _NEAR) % BINS, axis=-1)
     return wrap((best[..., 0] + (near * _NEAR).sum(axis=-1) / near.sum(axis=-1)) * BIN)
+
+
+def most_likely_angle(p: Float64, p_angle: Float64) -> Float64:
+    """Return the most likely yaw by ``p_angle`` among those near the most likely one by ``p``, within `ANGLE_WITHIN`.
+
+    Args:
+        p: (..., BINS) probability of each bin by all evidence, which tells front from back.
+        p_angle: (..., BINS) that by the evidence of the angle only.
+
+    Returns:
+        (...,) yaw [rad], within [−π, π).
+    """
+    beyond = np.cos(YAWS - most_likely(p)[..., None]) < np.cos(ANGLE_WITHIN)
+    return most_likely(np.where(beyond, 0.0, p_angle))
 
 
 def circular_sd(p: Float64) -> Float64:

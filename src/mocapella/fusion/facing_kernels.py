@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.fusion.facing import FacingArrays, FacingTables, FacingWeights
-from mocapella.fusion.facing_grid import BIN, BINS, LEAST, STEP_S
+from mocapella.fusion.facing_grid import ANGLE_WITHIN, BIN, BINS, LEAST, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
 from mocapella.fusion.facing_shape import (
     FADES_FROM,
@@ -58,6 +58,7 @@ LABELS_TRUE = 0.51
 A view's labels are nearly the same evidence in every frame: they decide where nothing else does, and hardly weigh
 against a facing that was known before the posture.
 """
+_LEAST_COS = np.cos(ANGLE_WITHIN)
 _BENT = 4.0
 """Factor of the unlikeness of a view, up to 1, to say whether the person is bent; bowing trunks are unlike in part."""
 N = len(FEATURES)
@@ -162,6 +163,23 @@ def most_likely(p: Float64) -> float:
         mean += near * k
         total += near
     angle: float = wrap((best + mean / total) * BIN)
+    return angle
+
+
+@njit(cache=True)
+def most_likely_angle(p: Float64, p_angle: Float64, tables: Float64, near: Float64) -> float:
+    """Return `mocapella.fusion.facing_grid.most_likely_angle`, in [−π, π), relative to the yaw of the first bin [rad].
+
+    Args:
+        p, p_angle: (BINS,) probability of each bin, by all evidence and by that of the angle only.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
+        near: (BINS,) workspace.
+    """
+    yaw = most_likely(p)
+    c, s = np.cos(yaw), np.sin(yaw)
+    for i in range(BINS):
+        near[i] = 0.0 if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s < _LEAST_COS else p_angle[i]
+    angle: float = most_likely(near)
     return angle
 
 
@@ -275,38 +293,41 @@ def shape_score(positions: Float64, yaw: float, model: FacingTables) -> tuple[fl
 
 
 @njit(cache=True)
-def add_view(
-    evidence: Float64,
-    seen: float,
-    score: float,
-    by: float,
-    weight: float,
-    shape_weight: float,
-    model: FacingTables,
-) -> None:
-    """Add the weighted log-likelihoods of a view's yaw and of the body's shape, in place; all angles are finite.
+def add_yaw(evidence: Float64, seen: float, by: float, weight: float, tables: Float64) -> None:
+    """Add the weighted log-likelihoods of a view's yaw, in place; all angles are finite.
 
-    `mocapella.fusion.facing_training.evidence` computes the same in numpy.
+    `mocapella.fusion.facing_training.evidence` computes the same in numpy, with that of `add_shape`.
 
     Args:
         evidence: (BINS,) log-likelihoods over the facing, updated.
         seen: yaw that the labels imply, relative to the direction to the sensor, folded into [−π/2, π/2) [rad].
-        score: log-odds that the body faces the sensor, of `shape_score`.
         by: yaw of the direction from the person to the sensor, relative to the first bin's [rad].
-        weight, shape_weight: weights of the yaw and of the shape.
-        model: the facing model's tables.
+        weight: factor of the log-likelihoods.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
     """
-    tables = model.tables
     place = seen / BIN + YAW_BINS / 2
     first = int(np.floor(place))
     a, b = tables[YAW_AT + first % YAW_BINS], tables[YAW_AT + (first + 1) % YAW_BINS]
     add_turned(evidence, a, b, place - first, weight, by)
-    if shape_weight == 0.0:
+
+
+@njit(cache=True)
+def add_shape(evidence: Float64, score: float, by: float, weight: float, tables: Float64) -> None:
+    """Add the weighted log-likelihoods of a body's shape, in place.
+
+    Args:
+        evidence: (BINS,) log-likelihoods over the facing, updated.
+        score: log-odds that the body faces the sensor, of `shape_score`.
+        by: yaw of the direction from the person to the sensor, relative to the first bin's; finite [rad].
+        weight: factor of the log-likelihoods; 0 adds nothing.
+        tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
+    """
+    if weight == 0.0:
         return
     place = (min(max(score, -MOST_SCORE), MOST_SCORE) / MOST_SCORE + 1.0) * (SHAPE_BINS - 1) / 2
     first = min(int(np.floor(place)), SHAPE_BINS - 2)
     a, b = tables[SHAPE_AT + first], tables[SHAPE_AT + first + 1]
-    add_turned(evidence, a, b, place - first, shape_weight, by)
+    add_turned(evidence, a, b, place - first, weight, by)
 
 
 @njit(cache=True)
@@ -405,8 +426,8 @@ def update(
     Returns:
         The number of bodies whose mirroring changed.
     """
-    p, at_s, told_s, mirrored = memory.p, memory.at_s, memory.told_s, memory.mirrored
-    tables = model.tables
+    p, p_angle, at_s = memory.p, memory.p_angle, memory.at_s
+    told_s, mirrored, tables = memory.told_s, memory.mirrored, model.tables
     twice, evidence, kernel, of_kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS), -1.0
     changed = 0
     for n in range(len(slots)):
@@ -419,6 +440,7 @@ def update(
                 turning(steps, tables, kernel)
                 of_kernel = steps
             turn_on(p[slot], kernel, twice)
+            turn_on(p_angle[slot], kernel, twice)
         reported = reported_yaw(positions[n], model.across)
         if np.isfinite(reported) and np.isfinite(toward[n]):
             evidence[:] = 0.0
@@ -430,13 +452,15 @@ def update(
             memory.unlike[slot, sensor] = unlike
             trained = (1.0 - unlike) * upright  # who leans far is unlike the training data at once
             yaw_weight, shape_weight = factors.yaw * scale * trained, factors.shape * scale * trained * share
-            add_view(evidence, seen, score, toward[n] - zero, yaw_weight, shape_weight, model)
+            add_yaw(evidence, seen, toward[n] - zero, yaw_weight, tables)
             if trained < 1.0:
                 add_labels(evidence, reported - zero, factors.yaw * scale * (1.0 - trained), tables)
             add_motion(evidence, velocities[n], zero, factors.motion * counts_for(now, told_s[slot, 0]), tables)
             told_s[slot, 0] = told_s[slot, 1 + sensor] = now
+            believe(p_angle[slot], evidence)
+            add_shape(evidence, score, toward[n] - zero, shape_weight, tables)
             believe(p[slot], evidence)
-        yaw, was = wrap(most_likely(p[slot]) + zero), mirrored[slot, sensor]
+        yaw, was = wrap(most_likely_angle(p[slot], p_angle[slot], tables, evidence) + zero), mirrored[slot, sensor]
         if np.isfinite(reported):
             limit = factors.swap_alone if is_alone(told_s[slot], sensor, now) else factors.swap
             mirrored[slot, sensor] = probability_away(p[slot], reported - zero, tables) > (0.5 if was else limit)
@@ -453,27 +477,29 @@ def update(
 
 
 @njit(cache=True)
-def predict(slots: Int64, at: float, zero: float, p: Float64, at_s: Float64, tables: Float64, out: Float64) -> None:
+def predict(slots: Int64, at: float, zero: float, memory: FacingArrays, tables: Float64, out: Float64) -> None:
     """Predict the facings of people at a time.
 
     Args:
         slots: (bodies,) rows of the memory; −1 for an unknown person.
-        at: time on the common clock [s]; before a row's own time, its state is used unchanged.
+        at: the time on the common clock [s]; a time before a person's last frame counts as that.
         zero: yaw of the first bin [rad].
-        p, at_s: (people, BINS), (people,) of `FacingMemory`.
+        memory: not changed.
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
         out: (2, bodies) written: yaw and its standard deviation [rad]; NaN and infinity for an unknown person.
     """
-    twice, later, kernel = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
+    twice, kernel, near = np.empty(2 * BINS), np.empty(BINS), np.empty(BINS)
+    later, later_angle = np.empty(BINS), np.empty(BINS)
     for n in range(len(slots)):
         if slots[n] < 0:
             out[0, n], out[1, n] = np.nan, np.inf
             continue
         for d in range(BINS):
-            later[d] = p[slots[n], d]
-        steps = (at - at_s[slots[n]]) / STEP_S
+            later[d], later_angle[d] = memory.p[slots[n], d], memory.p_angle[slots[n], d]
+        steps = (at - memory.at_s[slots[n]]) / STEP_S
         if steps > 0.0:
             turning(steps, tables, kernel)
             turn_on(later, kernel, twice)
-        out[0, n] = wrap(most_likely(later) + zero)
+            turn_on(later_angle, kernel, twice)
+        out[0, n] = wrap(most_likely_angle(later, later_angle, tables, near) + zero)
         out[1, n] = circular_sd(later, tables)
