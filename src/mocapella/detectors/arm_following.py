@@ -21,6 +21,7 @@ from mocapella.detectors.arm_finding import ArmFinder, Found, cost_of, evidence_
 from mocapella.detectors.arm_search import RefusedPlace, Search
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.detectors.arm_track import CameraArmTrack
+from mocapella.detectors.branch_ends import branch_ends, reaching, unexplained
 from mocapella.detectors.fattening_guess import FatteningGuess
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
@@ -184,9 +185,9 @@ class KinematicArmDetector:
                 fitted = other
         arm.move(fitted, dt)
         arm.at_s, arm.region = at_s, part
-        doubt = fitted.cost > min(s.doubt, usual)
+        doubt = fitted.cost > min(s.doubt, usual, _DOUBTED * arm.calm)
         if (doubt or not jumped) and not self._reserved:  # limits the time of an image
-            self._improve(arm, depth, doubt, jumped)
+            self._improve(arm, depth, doubt)
         arm.doubtful = arm.doubtful + 1 if arm.fitted.cost > s.keep else 0
         arm.firm = min(arm.firm + 1, _FIRM_AFTER) if arm.fitted.cost < s.firm else max(arm.firm - 1, 0)
         return arm.doubtful < s.lost_after
@@ -197,9 +198,11 @@ class KinematicArmDetector:
 
         Fingers start and stop within an image or two. With as wide a prior in each image, a still hand would tremble.
         """
-        certainty = expected.certainty.copy()
+        certainty, steady = expected.certainty.copy(), expected.steady.copy()
         certainty[6:] *= _FREER
-        free = arm.model.fit(fitted.pose, replace(expected, certainty=certainty), evidence, iterations=6, loose=1.0)
+        steady[6:] = 0.0
+        prior = replace(expected, certainty=certainty, steady=steady)
+        free = arm.model.fit(fitted.pose, prior, evidence, iterations=6, loose=1.0)
         return free if free.cost < _CLEARLY * fitted.cost else fitted
 
     @staticmethod
@@ -219,17 +222,16 @@ class KinematicArmDetector:
             others += rigid([predicted._replace(t=predicted.t + shift) for shift in _SHIFTS_M])
         best = min(others, key=lambda other: other.cost)
         certainty = expected.certainty.copy()
-        certainty[:6] = 0.0
+        certainty[:6] = 0.0  # and with it ``steady`` of the palm
         return model.fit(best.pose, replace(expected, certainty=certainty), evidence, iterations=4, loose=1.0)
 
-    def _improve(self, arm: CameraArmTrack, depth: Float32, doubt: bool, jumped: bool) -> None:
+    def _improve(self, arm: CameraArmTrack, depth: Float32, doubt: bool) -> None:
         """Try other postures of single digits or the whole hand; search the hand anew after a long doubt.
 
         Args:
             arm: the arm.
             depth: (height, width) [m].
             doubt: all digits are tested, not only some, and postures of the whole hand.
-            jumped: the hand was already fitted elsewhere in this image; single digits are skipped to save time.
         """
         s = self.settings
         assert arm.region is not None
@@ -237,11 +239,15 @@ class KinematicArmDetector:
         evidence = evidence_of(arm.region, model, pose, _FEW, 0.15)
         arm.in_doubt = arm.in_doubt + 1 if doubt else 0
         starts = []
-        if not jumped and (arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2):
+        if arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2:
             digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
             arm.next_digit = (arm.next_digit + s.digits) % 5
             gain, start = max((model.held_otherwise(pose, evidence, digit) for digit in digits), key=lambda way: way[0])
             starts = [start] if gain > s.gain else []
+        if doubt:
+            points = model.points(pose)
+            ends = unexplained(branch_ends(depth, self.finder.lens, points[PALM], s.region), points[[*TIPS]])
+            starts += [start for end in ends[:1] for start, _ in reaching(model, pose, end)]
         if doubt and (arm.in_doubt <= _AT_ONCE or not arm.in_doubt % 2):
             poses = [*model.exchanged(pose), *model.alike(pose)]
             coarse = evidence_of(arm.region, model, pose, _FEWER, 0.15)
@@ -479,6 +485,8 @@ _CLEARLY: Final = 0.9
 """Such a fit is taken if its cost is below this share of the other's."""
 _JUMP: Final = 1.25
 """Ratio of the costs of successive images above which the prediction counts as wrong."""
+_DOUBTED: Final = 1.4
+"""Ratio of a cost to the lowest of late above which the posture is in doubt."""
 _SHIFTS_M: Final = 0.042 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """Offsets from the prediction that are tried for a hand that turned, camera [m]."""
 _POSTURE_SD: Final = np.radians(1)

@@ -1,6 +1,7 @@
 """A tracked arm: its state, and its prediction for the next image.
 
-The prediction is that of an alpha-beta filter with constant velocity; its uncertainty is the prior of the next fit.
+The prediction is that of an alpha-beta filter with constant velocity; its uncertainty is the prior of the next fit. An
+arm at rest is predicted where it is, and its prior has a narrow part as well (`Expected.steady`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ class CameraArmTrack:
         side, model: side of the hand, and the arm's model.
         fitted: the newest fit.
         at_s: capture time of the fitted image [s]; `move` does not change it.
+        drift: (6 + n,) exponential mean of the motions between images, of palm and angles as in ``velocity``, in
+            standard deviations of an arm at rest; noise has a mean of 0. A new arm counts as moving.
         velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of n free angles [rad/s]; at first 0.
         id: number of the arm; -1 for a candidate that is not tracked yet.
         doubtful: number of successive images with a cost above the setting ``keep``.
@@ -47,6 +50,7 @@ class CameraArmTrack:
         self.side, self.model, self.fitted, self.at_s = side, model, fitted, at_s
         self.id = -1
         self.velocity = np.zeros(6 + len(fitted.pose.z))
+        self.drift = np.full(6 + len(fitted.pose.z), _NEW_DRIFT)
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
         self.wait, self.sure, self.believed = wait, SUREST, False
         self.calm = fitted.cost
@@ -55,23 +59,32 @@ class CameraArmTrack:
 
     def move(self, fitted: Fitted, dt: float) -> None:
         """Set the fit of the next image, ``dt`` [s] after the last one, above 0; update the smoothed velocity."""
-        self.velocity = 0.6 * _motion(self.fitted.pose, fitted.pose) / dt + 0.4 * self.velocity
+        motion = _motion(self.fitted.pose, fitted.pose)
+        self.velocity = 0.6 * motion / dt + 0.4 * self.velocity
+        self.drift += _DRIFT_GAIN * (motion / _rest_sd(len(motion)) - self.drift)
         self.fitted, self.calm = fitted, min(_CALM_RISES * self.calm, fitted.cost)
 
     def predicted(self, dt: float) -> ArmPose:
         """Extrapolate the pose by ``dt`` [s] at constant velocity, within the joint limits; joint angles by half of it.
 
+        An arm at rest (`rests`) has no velocity but noise's, so its share is left out.
         At most 0.1 s is extrapolated. Half of the angular velocity is used because fingers often stop or reverse.
         """
         model, pose = self.model, self.fitted.pose.copied()
         step = self.velocity * min(dt, 0.1)
         step[6:] *= 0.5
+        step *= 1.0 - self.rests
         turned = np.empty(9)
         fit_kernels().turned(pose.R, 0, step[3], step[4], step[5], turned)
         t = pose.t + pose.R.reshape(3, 3) @ step[:3]
         z = pose.z + step[6:]
         fit_kernels().within(model.digits, model.columns, model.gains, z, model.c_max)
         return ArmPose(turned, t, z, pose.v)
+
+    @property
+    def rests(self) -> float:
+        """Whether the arm is at rest, from 0 (it moves) to 1: by the part with the greatest ``drift``."""
+        return float(1.0 / (1.0 + (np.abs(self.drift).max() / _DRIFTS) ** 2) ** 2)
 
     def expected(self, predicted: ArmPose, dt: float, s: ArmFitSettings) -> Expected:
         """Return the Gaussian prior of the next fit: its mean is the prediction, its width grows with time and speed.
@@ -93,7 +106,15 @@ class CameraArmTrack:
         known[4:10] = 1.0 / np.radians(_FOREARM_RATE_DEG_S * dt) ** 2
         information = base.information + known
         v = (base.information * base.v + known * before) / information
-        return replace(base, certainty=1.0 / (rates * dt) ** 2, v=v, information=information)
+        steady = self.rests / _rest_sd(len(rates)) ** 2
+        return replace(base, certainty=1.0 / (rates * dt) ** 2, steady=steady, v=v, information=information)
+
+
+def _rest_sd(dofs: int) -> Float64:
+    """Return (dofs,) standard deviations of the motion of an arm at rest between two images [m, rad]."""
+    sd = np.full(dofs, _REST_ANGLE_SD)
+    sd[:3], sd[3:6] = _REST_SD_M, _REST_TURN_SD
+    return sd
 
 
 def _motion(before: ArmPose, after: ArmPose) -> Float64:
@@ -110,4 +131,13 @@ _FOREARM_RATE_DEG_S: Final = 300.0
 _MAY_CHANGE: Final = 4.0
 """A prediction's standard deviation grows by this factor times the speed, at most by the rate of the settings …"""
 _STILL: Final = 0.1
-"""… and at least by this share of that rate, so that a still hand is steady."""
+"""… and at least by this share of that rate."""
+_REST_SD_M: Final = 0.0015
+_REST_TURN_SD: Final = np.radians(0.9)
+_REST_ANGLE_SD: Final = np.radians(2.25)
+"""Standard deviations of the palm's motion [m, rad] and of joint angles [rad] between two images of an arm at rest:
+about the errors of single fits before a camera with structured light, on scenes with seeds below 100."""
+_DRIFT_GAIN: Final = 0.2
+_NEW_DRIFT: Final = 10.0
+_DRIFTS: Final = 1.33
+"""Drift at which an arm counts as a quarter at rest: 2 mm, 1.2° of the palm, or 3° of a joint, an image."""

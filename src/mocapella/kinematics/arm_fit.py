@@ -158,7 +158,7 @@ class ArmPrior(NamedTuple):
 
     Attributes:
         mean, precision: (n,), (n, n) mean and inverse covariance of the free angles in usual postures.
-        pose, certainty: predicted pose, and inverse variances (6 + n,) about it; 0: no prediction.
+        pose, certainty, steady: as of `Expected`; ``certainty`` 0: no prediction.
         v, information: (STATE,) expected sizes and directions, and their inverse variances.
     """
 
@@ -166,6 +166,7 @@ class ArmPrior(NamedTuple):
     precision: Float64
     pose: ArmPose
     certainty: Float64
+    steady: Float64
     v: Float64
     information: Float64
 
@@ -198,11 +199,15 @@ class Expected:
     Attributes:
         pose: the predicted pose.
         certainty: (6 + n,) inverse variances of the palm's twist and of the free angles about ``pose``; 0: unknown.
+        steady: (6 + n,) inverse variances to add for parts at rest, with a robust loss (Geman and McClure, 1987), so
+            that a part that moves is released; 0: none. The palm's translation is one part, its rotation another, and
+            each angle, too. Without ``certainty`` of the palm, not used for the palm.
         v, information: (STATE,) expected sizes (forearm's length over hand's size), directions, and inverse variances.
     """
 
     pose: ArmPose
     certainty: Float64
+    steady: Float64
     v: Float64
     information: Float64
 
@@ -281,7 +286,8 @@ class ArmModel:
         information[10:] = self.sizes[10:]
         if usual:
             information[10] = information[11]
-        return Expected(pose, np.zeros(6 + len(self.natural)), v, information)
+        nothing = np.zeros(6 + len(self.natural))
+        return Expected(pose, nothing, nothing.copy(), v, information)
 
     def rigid(self, pose: ArmPose, sd: float) -> Expected:
         """Return the prior for a rigid fit: sizes and angles about a pose's; the palm's pose is unknown.
@@ -317,7 +323,7 @@ class ArmModel:
         parameters = self._parameters(pose, evidence, total)
         costs = np.empty(k.COST_TERMS)
         e = expected
-        prior = ArmPrior(self.natural, self.prior, e.pose, e.certainty, e.v, e.information)
+        prior = ArmPrior(self.natural, self.prior, e.pose, e.certainty, e.steady, e.v, e.information)
         k.fit(
             self.arrays, evidence, prior, pose, parameters, s.loose if loose is None else loose,
             s.iterations if iterations is None else iterations, costs, _NOWHERE if tips is None else tips, keep,

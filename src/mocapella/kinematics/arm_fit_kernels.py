@@ -98,6 +98,7 @@ COST_TERMS = 7  # length of the costs of a pose, see `system`
 _REST_M, _REST_RAD = 0.0002, 0.004  # smaller steps count as convergence
 NEAR_ARM = 0.5  # least weight of points near the hand or forearm
 STRAY = 6.0  # factor of the points' robust scale at which stray points are judged
+_AT_REST = 2.0  # scale of the robust loss of a part at rest, in standard deviations
 _TARGET_SD = 0.004  # standard deviation of a fingertip detected as a branch's end [m]
 
 
@@ -422,8 +423,10 @@ def _add_prior(prior: ArmPrior, pose: ArmPose, H: Float64, g: Float64) -> None:
             v += prior.precision[i, k] * (z[k] - prior.mean[k])
             H[6 + i, 6 + k] += prior.precision[i, k]
         g[6 + i] -= v
-        H[6 + i, 6 + i] += prior.certainty[6 + i]
-        g[6 + i] -= prior.certainty[6 + i] * (z[i] - prior.pose.z[i])
+        e = z[i] - prior.pose.z[i]
+        w = prior.certainty[6 + i] + _steady(prior.steady[6 + i], e * e)
+        H[6 + i, 6 + i] += w
+        g[6 + i] -= w * e
     if prior.certainty[0] > 0.0 or prior.certainty[3] > 0.0:
         d = np.empty(6)
         d[3], d[4], d[5] = turn_between(prior.pose.R, FIRST, R)
@@ -431,5 +434,15 @@ def _add_prior(prior: ArmPrior, pose: ArmPose, H: Float64, g: Float64) -> None:
         for k in range(3):
             d[k] = R[k] * dx + R[3 + k] * dy + R[6 + k] * dz
         for k in range(6):
-            H[k, k] += prior.certainty[k]
-            g[k] -= prior.certainty[k] * d[k]
+            first = 0 if k < 3 else 3
+            off = d[first] * d[first] + d[first + 1] * d[first + 1] + d[first + 2] * d[first + 2]
+            w = prior.certainty[k] + _steady(prior.steady[k], off)
+            H[k, k] += w
+            g[k] -= w * d[k]
+
+
+@njit(cache=True)
+def _steady(information: float, squared: float) -> float:
+    """Return the weight of a part's prediction at rest, by its squared distance (Geman–McClure loss)."""
+    f = 1.0 / (1.0 + information * squared / _AT_REST**2)
+    return information * f * f
