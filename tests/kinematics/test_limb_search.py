@@ -28,6 +28,7 @@ from mocapella.kinematics.limb_search import (
     lasting,
     limbs,
     search,
+    unknown,
     without,
     worth,
 )
@@ -81,7 +82,7 @@ def looked_for(
     limb: Limb, true: TreePose, thought: TreePose, seed: int = 0, *, hidden: bool = False, many: bool = False
 ) -> FoundLimb | None:
     local, places = placed(thought)
-    evidence = [without(one, FIGURE, places[0], limb) for one in shown(true)]
+    evidence = [without(one, places[0], limb.other_faces) for one in shown(true)]
     how = MANY if many else DEFAULT
     return search(limb, local, places, evidence, np.random.default_rng(seed), also_hidden=hidden, settings=how)
 
@@ -132,7 +133,7 @@ def test_what_is_tried_about_the_best_is_better() -> None:
     true, thought = bent(MESH, {"left elbow flexion": 110}), bent(MESH, {"left elbow flexion": 10})
     limb = LIMBS["left forearm"]
     local, places = placed(thought)
-    evidence = [without(one, FIGURE, places[0], limb) for one in shown(true)]
+    evidence = [without(one, places[0], limb.other_faces) for one in shown(true)]
     told = []
     for again in (1, 100):
         how = LimbSearchSettings(drawn=9, kept=1, again=again, rounds=1)
@@ -163,7 +164,7 @@ def test_what_is_found_is_within_limits_worth_more_and_the_same_but_for_the_limb
     np.testing.assert_allclose(found.pose.angles[others], thought.angles[others], atol=1e-12)
     assert found.was + DEFAULT.better < found.worth <= 1
     local, places = placed(TreePose(np.eye(4), thought.angles))
-    evidence = [without(one, FIGURE, places[0], limb) for one in shown(TreePose(np.eye(4), true.angles))]
+    evidence = [without(one, places[0], limb.other_faces) for one in shown(TreePose(np.eye(4), true.angles))]
     angles, at = local.into(found.pose).angles[limb.joints], local.at.angles[limb.joints]
     (good,), (bad,), (deep,) = worth(limb, local, places, evidence, angles[None])
     turned = np.square(angles - at).sum()
@@ -255,7 +256,7 @@ def test_what_the_rest_of_the_body_covers_says_nothing_and_all_else_stays(name: 
     limb, pose = LIMBS[name], bent(MESH, {"left elbow flexion": 60, "right hip flexion": 40})
     vertices, at_it = posed(MESH, pose), 0
     for k, one in enumerate(shown(pose)):
-        left = without(one, FIGURE, vertices, limb)
+        left = without(one, vertices, limb.other_faces)
         assert (left.eye, left.origin_px, left.step_px) == (one.eye, one.origin_px, one.step_px)
         kept = left.strange != 0
         np.testing.assert_array_equal(left.strange[kept], one.strange[kept])
@@ -325,7 +326,7 @@ def test_moving_the_world_changes_nothing(seed: int) -> None:
     true, thought = bent(MESH, {"left elbow flexion": 90}), bent(MESH, {"left elbow flexion": 10})
     limb = LIMBS["left forearm"]
     local, (vertices, ends) = placed(thought)
-    evidence = [without(one, FIGURE, vertices, limb) for one in shown(true)]
+    evidence = [without(one, vertices, limb.other_faces) for one in shown(true)]
     moved, there = placed(TreePose(G @ thought.T_world_model, thought.angles))
     eyes = [Eye(e.size_px, e.lens, e.farthest_r2, e.T_camera_world @ inverse(G)) for e in EYES]
     seen_there = [Evidence(e, one.origin_px, one.step_px, one.strange) for e, one in zip(eyes, evidence, strict=True)]
@@ -405,3 +406,11 @@ def test_what_is_no_body_has_limbs_that_are_in_nothing() -> None:
 def test_settings_of_no_sense_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match=name):
         LimbSearchSettings(**{name: -1})
+
+
+@given(scores=st.lists(st.sampled_from([-1.0, -0.2, 0.0, 0.4, 1.0]), min_size=1, max_size=40))
+def test_a_sample_is_unknown_or_has_a_score(scores):
+    strange = np.array([scores], np.float32)
+    maybe = unknown(Evidence(EYES[0], (3, 6), 3, strange))
+    assert (maybe.origin_px, maybe.step_px) == ((3, 6), 3)
+    assert np.array_equal(maybe.strange, (strange == 0).astype(np.float32))

@@ -1,6 +1,6 @@
 """Re-acquire a lost limb: compare many of its poses with the foreground of the images.
 
-    of_it = [without(evidence, figure, vertices, limb) for evidence in …]    one for each camera
+    of_it = [without(evidence, vertices, limb.other_faces) for evidence in …]    one for each camera
     found = search(limb, local_tree, (vertices, ends), of_it, rng, also_hidden=False)
 
 Gradient steps do not bring back a limb whose outline is far from the image's. But a misplaced limb is projected onto
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.kinematics.ball_joints import LocalTree
-from mocapella.kinematics.silhouette_fit import Eye, Figure
+from mocapella.kinematics.silhouette_fit import Eye
 from mocapella.model.body_capsules import Capsules, capsules_of
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose, limbs_of, motions
@@ -181,21 +181,21 @@ class Evidence(msgspec.Struct, frozen=True, eq=False):
     strange: Float32
 
 
-def without(evidence: Evidence, body: Figure, vertices: Float64, limb: Limb) -> Evidence:
-    """Return a copy of an image's evidence for one limb: 0 where the rest of the body is rendered, and beside it.
+def without(evidence: Evidence, vertices: Float64, faces: NDArray[np.int32]) -> Evidence:
+    """Return a copy of an image's evidence: 0 where a posed mesh is rendered, and beside it.
 
     Args:
         evidence: evidence of the whole body; not changed.
-        body: the body.
         vertices: (n, 3) posed vertices from `rigged_mesh.posed`, world [m].
-        limb: the limb.
+        faces: (f, 3) faces to render: `Limb.other_faces` leaves the evidence for one limb, and the faces of the whole
+            mesh leave the foreground that no part of the body explains.
     """
     by, k = evidence.eye, _seeing()
     pixels, depth = np.empty((len(vertices), 2)), np.empty(len(vertices))
     k.see(vertices, by.T_camera_world, by.lens, by.farthest_r2, pixels, depth)
-    mask, sides = np.zeros(evidence.strange.shape, np.uint8), np.empty(len(limb.other_faces), np.int8)
-    k.face_sides(pixels, depth, limb.other_faces, sides)
-    k.cover(pixels, limb.other_faces, sides, *evidence.origin_px, evidence.step_px, mask)
+    mask, sides = np.zeros(evidence.strange.shape, np.uint8), np.empty(len(faces), np.int8)
+    k.face_sides(pixels, depth, faces, sides)
+    k.cover(pixels, faces, sides, *evidence.origin_px, evidence.step_px, mask)
     strange = evidence.strange.copy()
     _kernels().forget_covered(mask, strange)  # and beside it: flesh is not exactly where the mesh is
     return Evidence(by, evidence.origin_px, evidence.step_px, strange)
@@ -213,6 +213,12 @@ def lasting(now: Evidence, before: Evidence) -> Evidence:
     shift = [(a - b) // now.step_px for a, b in zip(now.origin_px, before.origin_px, strict=True)]
     _kernels().only_lasting(before.strange, shift[1], shift[0], REACH, strange)
     return Evidence(now.eye, now.origin_px, now.step_px, strange)
+
+
+def unknown(evidence: Evidence) -> Evidence:
+    """Return the map of an image's unknown samples: 1 where it may show foreground or background, else 0."""
+    maybe = (evidence.strange == 0).astype(np.float32)
+    return Evidence(evidence.eye, evidence.origin_px, evidence.step_px, maybe)
 
 
 class FoundLimb(msgspec.Struct, frozen=True, eq=False):
@@ -260,6 +266,19 @@ def worth(
     return counts[:, 0], counts[:, 1], depth
 
 
+def scores(
+    limb: Limb, local: LocalTree, places: tuple[Float64, Float64], evidence: Sequence[Evidence], angles: Float64,
+    *, settings: LimbSearchSettings = DEFAULT,
+) -> tuple[Float64, Float64]:  # fmt: skip
+    """Return the scores (n,) of n poses of a limb, as the module defines them, and the evidence against each (n,).
+
+    Arguments are those of `worth`; rotations are from the pose of the local tree.
+    """
+    good, bad, depth = worth(limb, local, places, evidence, angles)
+    turned = ((angles - local.at.angles[limb.joints]) ** 2).sum(axis=1)
+    return np.asarray(good - settings.room * bad - settings.per_m * depth - settings.per_rad2 * turned), bad
+
+
 def _hung(limb: Limb, local: LocalTree) -> tuple[Int64, Int64, Float64, Float64, Float64]:
     """Return a limb as a separate tree: parents, joints' parts and twists; its parent's motion (4, 4); its angles."""
     tree = local.tree
@@ -278,6 +297,7 @@ def search(
     rng: np.random.Generator,
     *,
     also_hidden: bool,
+    missed: float | None = None,
     settings: LimbSearchSettings = DEFAULT,
 ) -> FoundLimb | None:
     """Search for a pose of the limb by the cross-entropy method; return None unless it scores clearly higher than now.
@@ -288,17 +308,18 @@ def search(
         evidence: evidence from `without`, one for each camera.
         rng: random generator that draws the poses, and is not used if nothing is searched.
         also_hidden: whether to search also if the images do not contradict the present pose; False: None is returned.
+        missed: None, or of a limb within whose reach there is foreground that nothing explains, the share of its
+            points at which nothing is known, 0 to 1. It counts as lost if its score is low, also where the images do
+            not contradict its pose; it may be where nothing is known, which counts for that pose.
         settings: the settings.
     """
     s, at = settings, local.at.angles[limb.joints]
 
     def valued(angles: Float64) -> tuple[Float64, Float64]:
-        good, bad, depth = worth(limb, local, places, evidence, angles)
-        turned = ((angles - at) ** 2).sum(axis=1)
-        return np.asarray(good - s.room * bad - s.per_m * depth - s.per_rad2 * turned), bad
+        return scores(limb, local, places, evidence, angles, settings=s)
 
     (was,), (against,) = valued(at[None])
-    astray = was < s.astray and against > s.against
+    astray = was < s.astray and (missed is not None or against > s.against)
     if not astray and not also_hidden:
         return None
     limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
@@ -318,7 +339,7 @@ def search(
     pose = local.back(TreePose(local.at.T_world_model, angles))
     told = local.into(pose).angles[limb.joints]  # within the body's limits, unlike a local tree's angles
     (value,), _ = valued(told[None])
-    better = value > was + (s.better if astray else s.much_better)
+    better = value > was + (missed or 0.0) + (s.better if astray else s.much_better)
     return FoundLimb(pose, float(value), float(was)) if better else None
 
 

@@ -1,10 +1,11 @@
 """Find foreground that is none of a tracked person: things and people that come, in the images of one static camera.
 
     things = PassingThings()
-    ignored = things.update(foreground, body)     # its pixels are no evidence for or against the body
+    ignored = things.update(foreground, unknown, body)     # its pixels are no evidence for or against the body
 
-Foreground that is apart from the body begins a thing. From then on it is one, also when it comes beside the body, where
-it could be taken for a limb. A limb that a tracker has lost is no thing, as it hangs on the body.
+Foreground that is apart from the body, with background between, begins a thing. From then on it is one, also when it
+comes beside the body, where it could be taken for a limb. A limb that a tracker has lost is no thing, as it hangs on
+the body, be it through pixels of which nothing is known, as where the body stood from the first image on.
 """
 
 from __future__ import annotations
@@ -42,11 +43,12 @@ class PassingThings:
         """Restore the state that `memory` returned."""
         (self._things,) = memory
 
-    def update(self, foreground: Bool, body: Bool) -> Bool:
+    def update(self, foreground: Bool, unknown: Bool, body: Bool) -> Bool:
         """Follow the things to the next image; return where they are, outside of the body.
 
         Args:
             foreground: (rows, columns) whether each sample is foreground, at the same samples in every image.
+            unknown: (rows, columns) whether a sample may be foreground or background.
             body: (rows, columns) where the body is expected.
         """
         import cv2
@@ -57,11 +59,11 @@ class PassingThings:
             self._things = np.zeros(foreground.shape, np.bool_)
             return self._things
         near = _grown(body, APART)
-        _, labels = cv2.connectedComponents(foreground.astype(np.uint8))
+        _, labels = cv2.connectedComponents((foreground | unknown).astype(np.uint8))
         apart = np.ones(labels.max() + 1, np.bool_)
         apart[np.unique(labels[near])] = False
         apart[0] = False
-        begun = apart[labels]
+        begun = apart[labels] & foreground
         things = (begun | (foreground & _grown(self._things, MOVES))) & ~body
         _, labels = cv2.connectedComponents(things.astype(np.uint8))
         large = np.bincount(labels[~near], minlength=labels.max() + 1) >= LEAST

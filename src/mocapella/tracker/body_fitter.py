@@ -107,6 +107,7 @@ class BodyFitter:
         self._dead = DeadImages()
         self._missed = self._as_expected = self._there = False
         self._hidden_parts = np.zeros(len(self.mesh.tree.parents), np.bool_)
+        self._just_found = np.zeros(len(self.mesh.tree.joint_parts), np.bool_)
         self._stillness.reset()
         if self._limb_recovery is not None:
             self._limb_recovery.reset()
@@ -118,13 +119,13 @@ class BodyFitter:
         """
         limbs = None if self._limb_recovery is None else self._limb_recovery.memory()
         cameras = {name: camera.memory() for name, camera in self._cameras.items()}
-        state = [self._past, self._missed, self._as_expected, self._there, self._hidden_parts]
+        state = [self._past, self._missed, self._as_expected, self._there, self._hidden_parts, self._just_found]
         return [state, self._dead.memory(), self._surface.memory(), self._stillness.memory(), limbs, cameras]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same mesh, rig and settings."""
         state, dead, surface, stillness, limbs, cameras = memory
-        self._past, self._missed, self._as_expected, self._there, self._hidden_parts = state
+        self._past, self._missed, self._as_expected, self._there, self._hidden_parts, self._just_found = state
         self._dead.recall(dead)
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         self._surface.recall(surface)
@@ -153,6 +154,7 @@ class BodyFitter:
         """
         self._past, self._missed, self._as_expected, self._there = [(time_ns, pose)], False, False, there
         self._hidden_parts = np.zeros(len(self.mesh.tree.parents), np.bool_)
+        self._just_found = np.zeros(len(self.mesh.tree.joint_parts), np.bool_)
         self._stillness.reset()
         self._surface = SurfacePrior(self.body, self.settings.steadiness or Steadiness())
         vertices, s = self.body.standing(pose).vertices, self.settings
@@ -353,14 +355,17 @@ class BodyFitter:
             pose, images, others, self._segmented(), self._stillness.as_started & ~self._hidden_parts
         )
         if found is None:
+            self._just_found = np.zeros_like(self._just_found)
             return pose
         joints, pose = found
         parts = self.mesh.tree.joint_parts[joints]
         self._stillness.release(parts)
         free = np.isin(self.body.figure.part[self.body.skin], parts)
         held = msgspec.structs.replace(held, points=held.points & ~free)
-        # The wrong positions of such a limb carry no information about its motion.
-        self._past = [(at_ns, with_angles(past, joints, pose.angles)) for at_ns, past in self._past]
+        # The wrong positions of a lost limb carry no information about its motion; one where it was found does.
+        unknown = joints[~self._just_found[joints]]
+        self._past = [(at_ns, with_angles(past, unknown, pose.angles)) for at_ns, past in self._past]
+        self._just_found = np.isin(np.arange(len(self._just_found)), joints)
         priors = self._priors(with_angles(expected, joints, pose.angles), time_ns, held)
         return self._fitted(images, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
 

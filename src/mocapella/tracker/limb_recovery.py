@@ -1,14 +1,16 @@
 """Detect misplaced limbs, and re-acquire them in the foreground by random search (`kinematics/limb_search.py`).
 
-A limb is suspect if images show the background at its points, or if it penetrates another limb. Foreground in one
-image alone may be transient, so a limb is searched in the foreground of two consecutive images, from its second suspect
-image on. Other limbs are searched as well, one whole limb after the other, because limbs also hide behind a body.
+A limb is suspect if images show the background at its points, or if it penetrates another limb. A whole limb is missed
+if within its reach there is foreground that no part of the body explains, such as that of an arm that was lost before
+the trunk and swings forward. Foreground in one image alone may be transient, so a limb is searched in the foreground of
+two consecutive images, from its second suspect image on. Other limbs are searched as well, one whole limb after the
+other, because limbs also hide behind a body.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,9 +24,13 @@ from mocapella.kinematics.limb_search import (
     LimbSearchSettings,
     lasting,
     limbs,
+    scores,
     search,
+    unknown,
     without,
+    worth,
 )
+from mocapella.kinematics.silhouette_fit import seen_at
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose, motions
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
@@ -57,7 +63,9 @@ class LimbRecovery:
         self._limbs = limbs(body.mesh, settings)
         parts = {limb.name: set(limb.part.tolist()) for limb in self._limbs}
         self._whole = [name for name, some in parts.items() if not any(some < more for more in parts.values())]
-        self._hung = tuple(_hung(body.mesh, limb) for limb in self._limbs)
+        whole = [limb for limb in self._limbs if limb.name in self._whole]
+        self._hung = tuple(_hung(body.mesh, limb) for limb in whole)
+        self._sizes_m2 = [_silhouette_m2(body.mesh, limb) for limb in whole]
         self._points = np.concatenate([np.empty(0, np.int64), *(limb.vertices for limb in self._limbs)])
         self._limb_of = np.repeat(np.arange(len(self._limbs)), [len(limb.vertices) for limb in self._limbs])
         self.reset()
@@ -109,30 +117,62 @@ class LimbRecovery:
             for name, camera in cameras.items()
             if camera.background is not None and camera.shows_all(stands.vertices)
         }
+        reach = self._about(pose)
+        now = {name: one.evidence(images[name], others.get(name), reach) for name, one in seeing.items() if reach}
         doubtful, due = self._doubtful(images, seeing, stands), self._due(self._frame)
+        missed = self._missed([*now.values()], stands, reach)
         if settled is not None:
             at_rest = {limb.name for limb in self._limbs if settled[self._body.figure.part[limb.vertices]].all()}
             doubtful, due = doubtful - at_rest, due - at_rest
-        wanted = (doubtful | due) & self._asked
-        self._asked = doubtful | self._due(self._frame + 1)
-        about = self._about(self._asked | wanted, pose)
-        now = {name: one.evidence(images[name], others.get(name), about) for name, one in seeing.items() if about}
-        then, self._evidence = self._evidence, now
+            missed = {name: share for name, share in missed.items() if name not in at_rest}
+        wanted = (doubtful | due | missed.keys()) & self._asked
+        self._asked = doubtful | missed.keys() | self._due(self._frame + 1)
+        then, self._evidence = self._evidence, now if self._asked else {}
         evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
+        if len(evidence) < FEWEST_CAMERAS:
+            return None
+        these = [limb for limb in self._limbs if limb.name in wanted]
+        found, moved = self._searched(these, pose, evidence, due, missed)
+        if len(moved) > 1:
+            # The first one may have taken the place of the second, as one leg that of the other.
+            other, also = self._searched(these[::-1], pose, evidence, due, missed)
+            if self._value(these, pose, other, evidence) > self._value(these, pose, found, evidence):
+                found, moved = other, also
+        return (np.concatenate(moved), found) if moved else None
+
+    def _searched(
+        self,
+        order: Sequence[Limb],
+        pose: TreePose,
+        evidence: Sequence[Evidence],
+        due: set[str],
+        missed: Mapping[str, float],
+    ) -> tuple[TreePose, list[NDArray[np.int64]]]:
+        """Search limbs one after the other; return the pose with those that were found, and their joints."""
         moved: list[NDArray[np.int64]] = []
-        for limb in self._limbs if len(evidence) >= FEWEST_CAMERAS else ():
-            if limb.name not in wanted:
-                continue
-            of_it = [without(one, self._body.figure, stands.vertices, limb) for one in evidence]
+        for limb in order:
+            stands = self._body.standing(pose)
+            of_it = [without(one, stands.vertices, limb.other_faces) for one in evidence]
             places = stands.vertices, stands.landmarks[self._body.solid.ends]
             found = search(
                 limb, self._body.local(pose), places, of_it, self._rng,
-                also_hidden=limb.name in due, settings=self._settings,
+                also_hidden=limb.name in due, missed=missed.get(limb.name), settings=self._settings,
             )  # fmt: skip
             if found is not None:
                 pose, moved = found.pose, [*moved, limb.joints]
-                stands = self._body.standing(pose)
-        return (np.concatenate(moved), pose) if moved else None
+        return pose, moved
+
+    def _value(self, some: Sequence[Limb], was: TreePose, pose: TreePose, evidence: Sequence[Evidence]) -> float:
+        """Return the sum of the limbs' scores in a pose, less the cost of their rotations from the pose ``was``."""
+        stands, local, total = self._body.standing(pose), self._body.local(pose), 0.0
+        places = stands.vertices, stands.landmarks[self._body.solid.ends]
+        turned = self._body.local(was).into(pose).angles
+        for limb in some:
+            of_it = [without(one, stands.vertices, limb.other_faces) for one in evidence]
+            angles = local.at.angles[limb.joints][None]
+            (score,), _ = scores(limb, local, places, of_it, angles, settings=self._settings)
+            total += float(score) - self._settings.per_rad2 * float(np.square(turned[limb.joints]).sum())
+        return total
 
     def _due(self, frame: int) -> set[str]:
         """Return the limb that is due for a search in this frame, if any."""
@@ -159,13 +199,42 @@ class LimbRecovery:
             if room[k] or depth_m(self._body.solid, limb.pairs, stands.landmarks) > TOUCHING_M
         }
 
-    def _about(self, names: Collection[str], pose: TreePose) -> Sequence[Ball]:
-        """Return balls that limbs can reach, about their attachment points."""
-        if not names:
-            return []
+    def _missed(self, evidence: Sequence[Evidence], stands: Standing, reach: Sequence[Ball]) -> dict[str, float]:
+        """Return whole limbs that could gain `LimbSearchSettings.better` in foreground that nothing explains.
+
+        A limb's gain is at most the share of it that this foreground covers, as a mean over the cameras.
+
+        Args:
+            evidence: of each camera.
+            stands: the body.
+            reach: the ball that each whole limb can reach, in the order of ``self._whole``.
+        """
+        gain = np.zeros(len(self._whole))
+        for one in evidence:
+            left = without(one, stands.vertices, self._body.mesh.faces)
+            at = np.argwhere(left.strange > 0)
+            pixels = at[:, ::-1] * left.step_px + np.array(left.origin_px)
+            centres, T = np.array([ball.centre for ball in reach]), left.eye.T_camera_world
+            depth_px = left.eye.lens[0] / (centres @ T[2, :3] + T[2, 3])
+            middles = seen_at(centres, left.eye)
+            for k, ball in enumerate(reach):
+                near = np.square(pixels - middles[k]).sum(axis=1) < (ball.radius_m * depth_px[k]) ** 2
+                gain[k] += near.sum() * (left.step_px / depth_px[k]) ** 2 / self._sizes_m2[k]
+        fewest = self._settings.better * len(evidence)
+        names = {name for name, some in zip(self._whole, gain, strict=True) if evidence and some > fewest}
+        return {limb.name: self._unknown(limb, stands, evidence) for limb in self._limbs if limb.name in names}
+
+    def _unknown(self, limb: Limb, stands: Standing, evidence: Sequence[Evidence]) -> float:
+        """Return the share of a limb's points, 0 to 1, at which images know nothing of the background."""
+        local, places = self._body.local(stands.pose), (stands.vertices, stands.landmarks[self._body.solid.ends])
+        of_it = [without(unknown(one), stands.vertices, limb.other_faces) for one in evidence]
+        (share,), _, _ = worth(limb, local, places, of_it, local.at.angles[limb.joints][None])
+        return float(share)
+
+    def _about(self, pose: TreePose) -> Sequence[Ball]:
+        """Return the ball that each whole limb can reach, about its attachment point."""
         R, t = motions(self._body.mesh.tree, pose)
-        chosen = [hung for limb, hung in zip(self._limbs, self._hung, strict=True) if limb.name in names]
-        return [Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in chosen]
+        return [Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in self._hung]
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:
@@ -173,6 +242,14 @@ def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> T
     changed = pose.angles.copy()
     changed[joints] = angles[joints]
     return TreePose(pose.T_world_model, changed)
+
+
+def _silhouette_m2(mesh: RiggedMesh, limb: Limb) -> float:
+    """Return a limb's mean projected area [m²], a quarter of its surface, as if it were convex (A. Cauchy, 1832)."""
+    rest = {tuple(face) for face in limb.other_faces.tolist()}
+    own = np.array([face for face in mesh.faces.tolist() if tuple(face) not in rest], np.int64).reshape(-1, 3)
+    a, b, c = np.moveaxis(mesh.vertices[own], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 8.0)
 
 
 def _hung(mesh: RiggedMesh, limb: Limb) -> tuple[int, Ball]:

@@ -231,11 +231,13 @@ class SilhouetteCamera:
         if self.background is None or self._outline is None:
             return others
         (height, width), grid = image.shape[:2], self._grid_px
-        foreground = self._scores(image) > 0
+        scores = self._scores(image)
+        foreground, unknown = scores > 0, scores == 0
         body = self._scored_in(self._outline.silhouette, foreground.shape)
         if others is not None:
-            foreground &= ~others[::grid, ::grid]
-        found = self.things.update(foreground, body)
+            apart_from = others[::grid, ::grid]
+            foreground, unknown = foreground & ~apart_from, unknown & ~apart_from
+        found = self.things.update(foreground, unknown, body)
         if not found.any():
             return others
         wide = np.kron(found, np.ones((grid, grid), np.bool_))[:height, :width]
