@@ -113,31 +113,82 @@ def test_raw_views_rates_and_spaces(tmp_path: Path) -> None:
     [
         (("npz", "a", "--rate", "0"), "rate is 0.0"),
         (("npz", "a", "--space", "mars"), "--space 'mars': known: world, opensim, sensor:NAME"),
+        (("npz", "a", "--space", "sensor:"), "known: world, opensim, sensor:NAME"),
+        (("npz", "a", "--people", ","), "--people has no name"),
+        (("npz", "a", "--out", ".csv"), "--out .csv: name a file or a folder"),
+        (("npz", "a", "--out", "gone/folder"), "no folder can be made there"),
+        (("npz", "a", "more/a", "--out", "out"), "two takes are called a"),
+        (("bvh", "things"), "things.mcap has no results for bvh"),
         (("npz", "a", "--space", "sensor:back"), "no pose of a sensor 'back'; sensors: front"),
-        (("npz", "a", "b", "--out", "c.npz"), "there are 2 takes; name a folder that exists"),
+        (("npz", "a", "b", "--out", "c.npz"), "there are 2 takes; name a folder"),
         (("npz", "a", "--out", "gone/c.npz"), "name a file in a folder that exists"),
         (("npz", "gone"), "no such file"),
         (("trc", "empty"), "empty.mcap has no results"),
-        (("trc", "a", "empty"), "empty.mcap has no results"),
     ],
 )
 def test_a_mistake_is_a_line_and_nothing_is_half_written(tmp_path: Path, words: tuple[str, ...], why: str) -> None:
     take(tmp_path / "a.mcap")
     take(tmp_path / "b.mcap")
+    (tmp_path / "more").mkdir()
+    take(tmp_path / "more" / "a.mcap")
+    take(tmp_path / "things.mcap", people=0, objects=(TrackedObject("cup", T, np.empty((0, 3)), 2),))
     TakeWriter.create(tmp_path / "empty.mcap", info=info(), reserve_bytes=0).close()
+    there = sorted(tmp_path.rglob("*"))
     done = run_here(tmp_path, "export", *words)
     assert done.returncode == 1
     assert why in done.stderr
     assert "Traceback" not in done.stderr
-    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+    assert sorted(tmp_path.rglob("*")) == there
 
 
-def test_several_takes_go_to_a_folder(tmp_path: Path) -> None:
+def test_several_takes_go_to_a_folder_that_is_made(tmp_path: Path) -> None:
     take(tmp_path / "a.mcap")
     take(tmp_path / "b.mcap")
-    (tmp_path / "out").mkdir()
     assert run_here(tmp_path, "export", "csv", "a", "b", "--out", "out").returncode == 0
     assert {one.name for one in (tmp_path / "out").iterdir()} == {"a.csv", "b.csv"}
+
+
+def test_a_take_that_cannot_be_exported_does_not_stop_the_others(tmp_path: Path) -> None:
+    TakeWriter.create(tmp_path / "empty.mcap", info=info(), reserve_bytes=0).close()
+    take(tmp_path / "a.mcap")
+    done = run_here(tmp_path, "export", "csv", "empty", "a", "--json", "-")
+    assert done.returncode == 1
+    assert "empty.mcap has no results" in done.stderr
+    assert (tmp_path / "a.csv").exists()
+    assert [len(row["files"]) for row in json.loads(done.stdout)] == [0, 1]
+
+
+def test_one_damaged_take_of_several_is_told_by_the_status(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    writer = TakeWriter.create(tmp_path / "open.mcap", info=info(), reserve_bytes=0)
+    record(writer, 0, 8)
+    writer.flush()
+    (tmp_path / "torn.mcap").write_bytes((tmp_path / "open.mcap").read_bytes())
+    writer.close()
+    for words in (("torn", "a"), ("a", "torn")):
+        assert run_here(tmp_path, "export", "csv", *words, "--force").returncode == 3
+
+
+def test_two_individuals_never_share_a_file(tmp_path: Path) -> None:
+    things = tuple(TrackedObject(name, T, np.empty((0, 3)), 2) for name in ("cup:1", "cup?1", "CUP/1"))
+    take(tmp_path / "a.mcap", people=0, objects=things)
+    assert run_here(tmp_path, "export", "trc", "a").returncode == 0
+    assert {one.name for one in tmp_path.glob("*.trc")} == {"a.CUP-1.trc", "a.cup-1 (2).trc", "a.cup-1 (3).trc"}
+
+
+def test_names_and_endings_are_taken_as_they_are_meant(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap", people=2)
+    done = run_here(tmp_path, "export", "csv-wide", "a", "--people", " person_1, person_1 ,", "--out", "x.csv")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "x.wide.csv").exists()
+    head = (tmp_path / "x.wide.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "person_0" not in head
+    assert head.count("person_1.Head.x_m") == 1
+    assert run_here(tmp_path, "export", "npz", "a", "--space", " opensim ", "--out", "o.npz").returncode == 0
+    own = mocapella.load(tmp_path / "a.mcap").people
+    assert own is not None
+    with np.load(tmp_path / "o.npz") as arrays:
+        np.testing.assert_allclose(arrays["positions"][..., 0], -own.positions[..., 2])
 
 
 def test_labels_of_each_run_reach_the_table(tmp_path: Path) -> None:
@@ -161,4 +212,4 @@ def test_labels_of_each_run_reach_the_table(tmp_path: Path) -> None:
 def test_help_describes_the_format(tmp_path: Path) -> None:
     text = run_here(tmp_path, "export", "parquet", "--help").stdout
     assert "The table of csv as Parquet" in text
-    assert "mocapella export parquet walk-1 --people person_1" in text
+    assert "mocapella export parquet walk-1 --people person_0" in text

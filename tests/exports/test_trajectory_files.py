@@ -179,6 +179,39 @@ def test_a_c3d_has_as_many_points_as_fit(tmp_path: Path) -> None:
         write_c3d(walk(people=1, points=MOST_POINTS + 1), tmp_path / "b.c3d")
 
 
+def test_names_of_a_c3d_are_ascii_and_differ(tmp_path: Path) -> None:
+    own = walk(people=1, points=4)
+    names = ("Łäuft", "Łauft", "über\tall", "uber all")
+    write_c3d(Trajectories(**{**vars(own), "keypoints": names, "individuals": ("Zoë",)}), tmp_path / "a.c3d")
+    found = read_c3d(tmp_path / "a.c3d")
+    assert found.keypoints == ("?auft", "?auft (2)", "uber?all", "uber all")
+    assert found.individuals == ("Zoe",)
+    as_pandas(found)
+
+
+def test_what_is_all_inferred_is_read_as_inferred(tmp_path: Path) -> None:
+    own = walk(people=1)
+    states = np.minimum(own.states, 1)
+    write_c3d(Trajectories(**{**vars(own), "states": states}), tmp_path / "a.c3d")
+    np.testing.assert_array_equal(read_c3d(tmp_path / "a.c3d").states, states)
+
+
+def test_a_rate_is_told_of_equal_steps_alone() -> None:
+    own = walk()
+    assert as_dataset(own).attrs["fps"] == 30.0
+    assert (
+        "fps" not in as_dataset(Trajectories(**{**vars(own), "times_s": own.times_s + 0.001 * (own.runs == 1)})).attrs
+    )
+
+
+def test_a_netcdf_that_is_too_large_is_refused_before_work(tmp_path: Path) -> None:
+    own = walk(people=1, points=1)
+    huge = np.broadcast_to(own.positions[:1], (100_000_000, 1, 1, 3))
+    with pytest.raises(SettingsError, match="below 2 GiB in a netCDF"):
+        write_netcdf(Trajectories(**{**vars(own), "positions": huge}), tmp_path / "a.nc")
+    assert not (tmp_path / "a.nc").exists()
+
+
 def test_somebody_who_looks_at_the_camera_looks_along_opensims_x() -> None:
     np.testing.assert_array_equal(T_OPENSIM_WORLD[:3, :3] @ [0.0, 0.0, -1.0], [1.0, 0.0, 0.0])
     np.testing.assert_array_equal(T_OPENSIM_WORLD[:3, :3] @ [0.0, 1.0, 0.0], [0.0, 1.0, 0.0])

@@ -81,6 +81,15 @@ def test_the_shortest_rotation_reaches_the_direction(start: list[float], end: li
     assert np.linalg.det(R) > 0
 
 
+def test_a_short_bone_steers_little() -> None:
+    """Millimetres of noise at a bone of a millimetre are no direction."""
+    parents = np.array([-1, 0, 0, 0])
+    offsets = np.array([[0.0, 0, 0], [0, 0.3, 0], [0.2, 0, 0], [0.001, 0, 0.001]])
+    positions = offsets + np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 0], [-0.002, 0.001, 0]])
+    R = joint_rotations(parents, offsets, positions)
+    np.testing.assert_allclose(posed(parents, offsets, np.zeros(3), R)[1:3], offsets[1:3], atol=1e-4)
+
+
 def test_a_bone_without_a_length_turns_nothing() -> None:
     parents, offsets = np.array([-1, 0]), np.zeros((2, 3))
     np.testing.assert_array_equal(joint_rotations(parents, offsets, np.zeros((2, 3))), np.tile(np.eye(3), (2, 1, 1)))

@@ -104,7 +104,8 @@ def test_points_of_a_file_are_loaded(take: Path, tmp_path: Path) -> None:
     assert (recording.sensors, recording.labels, recording.problems, recording.views) == ((), {}, (), None)
     assert recording.seconds == pytest.approx((len(own) - 1) / own.rate_hz)
     assert list(recording.scenes()) == []
-    assert recording.seen_from("front") == {}
+    with pytest.raises(SettingsError, match=r"a\.c3d has no sensors: only a take has"):
+        recording.seen_from("front")
 
 
 @pytest.mark.parametrize("name", ["walk.txt", "walk", "walk.csv"])
@@ -112,6 +113,8 @@ def test_another_file_is_refused_with_the_known_endings(tmp_path: Path, name: st
     (tmp_path / name).write_text("x")
     with pytest.raises(InputError, match=r"is no recording that can be loaded.*\.mcap, \.trc, \.c3d, \.json"):
         mocapella.load(tmp_path / name)
+    with pytest.raises(InputError, match="there is no such file"):
+        mocapella.load(tmp_path / "gone")
     with pytest.raises(InputError, match=r"no\.mcap"):
         mocapella.load(tmp_path / "no.mcap")
 

@@ -78,5 +78,17 @@ def test_an_impossible_rate_is_refused(rate: float) -> None:
         resampled(line(np.arange(3.0)), rate)
 
 
+@pytest.mark.parametrize("rate", [5.0, 9.0, 30.0])
+def test_a_slow_sensor_with_jitter_has_no_gaps(rate: float) -> None:
+    times = np.arange(50) / rate + np.random.default_rng(0).normal(size=50) * 0.002
+    assert resampled(line(times, rate)).present.all()
+
+
+def test_runs_far_apart_do_not_fill_the_memory() -> None:
+    times = np.concatenate([np.arange(5.0), 1.7e9 + np.arange(5.0)])
+    with pytest.raises(SettingsError, match="number of frames"):
+        resampled(line(times), 30.0)
+
+
 def test_nothing_stays_nothing() -> None:
     assert len(resampled(line(np.arange(3.0)).at(slice(0, 0)), 30.0)) == 0

@@ -164,6 +164,37 @@ def test_views_are_of_the_frame_they_are_from() -> None:
     np.testing.assert_array_equal(found.present, [[True, False], [False, True]])
 
 
+def test_synchronous_sensors_keep_their_views() -> None:
+    """Scenes of equal times are one frame; each has its own sensor's view."""
+    views = (view("front", np.eye(4), 0), view("side", np.eye(4), 1))
+    scenes = [
+        (0, BEGIN + k, scene(2 * k + j, k, sensor, people=(person(0, k, views=views),)))
+        for k in range(4)
+        for j, sensor in enumerate(("front", "side"))
+    ]
+    found = trajectories_of(scenes, ("people", VIEWS))
+    assert len(found[VIEWS]) == len(found["people"]) == 4
+    assert found[VIEWS].present.all()
+
+
+def test_a_run_has_one_number_in_all_kinds() -> None:
+    views = (view("front", np.eye(4), 0),)
+    scenes = [
+        (0, BEGIN, scene(0, 0, people=(person(1, 0),))),
+        (2, BEGIN + 9, scene(0, 9, people=(person(1, 1, views=views),))),
+    ]
+    found = trajectories_of(scenes, ("people", VIEWS))
+    assert found["people"].individuals == ("person_1", "run2_person_1")
+    assert found[VIEWS].individuals == ("run2_person_1@front",)
+
+
+def test_two_people_of_one_name_stay_two() -> None:
+    scenes = [(0, BEGIN + k, scene(k, k, people=(person(1, k, "anna"), person(2, k, "anna")))) for k in range(3)]
+    found = trajectories_of(scenes)["people"]
+    assert found.individuals == ("anna", "anna (2)")
+    np.testing.assert_array_equal(found.positions[1, 1], person(2, 1).positions)
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_in_a_sensors_space_the_sensor_is_at_the_origin(seed: int) -> None:
@@ -219,3 +250,5 @@ def test_frames_can_be_chosen() -> None:
     assert len(some) == 3
     np.testing.assert_array_equal(some.positions, found.positions[1:4])
     assert replace(some, kind="x").individuals == ("person_0",)
+    assert found.at(slice(None, None, 2)).rate_hz == pytest.approx(found.rate_hz / 2)
+    assert found.of("person_0").individuals == found.of(["person_0", "person_0"]).individuals == ("person_0",)

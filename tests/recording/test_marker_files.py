@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mocapella
 from mocapella.errors import InputError, MocapellaError
 from mocapella.exports.c3d_file import write_c3d
 from mocapella.model.trajectories import Trajectories
@@ -52,6 +53,7 @@ def test_a_trc_in_millimetres_becomes_metres(tmp_path: Path) -> None:
         ("\t4\t5\t6", "\tfour\t5\t6", "is no TRC"),
         ("2\t0.02", "2\t-1", "no frames at rising times"),
         ("DataRate", "Rate", "is no TRC"),
+        ("\n50\t", "\n-30\t", "is no rate"),
         (TRC, "", "is no TRC"),
     ],
 )
@@ -69,6 +71,31 @@ def test_pose2sims_trc_is_read(single_person: Path) -> None:
     found = read_trc(path)
     assert (len(found), len(found.keypoints), found.rate_hz) == (100, 21, 60.0)
     assert 1.4 < np.nanmedian(found.positions[:, 0, found.keypoints.index("Head"), 1]) < 2.0
+
+
+def test_a_file_that_is_cut_off_says_so(tmp_path: Path) -> None:
+    data = c3d_bytes(tmp_path)
+    (tmp_path / "b.c3d").write_bytes(data[: (struct.unpack_from("<H", data, 16)[0] - 1) * 512 + 64])
+    assert mocapella.load(tmp_path / "b.c3d").problems == ("its header says 3 frames, and it has 2",)
+    (tmp_path / "b.trc").write_text(TRC.replace("50\t2\t2", "50\t9\t2").replace("\t8\t9", ""), encoding="utf-8")
+    assert mocapella.load(tmp_path / "b.trc").problems == (
+        "its header says 9 frames, and it has 2", "1 rows have too few cells; the missing ones are unknown",
+    )  # fmt: skip
+
+
+def test_a_trc_of_many_names_and_few_cells_is_refused(tmp_path: Path) -> None:
+    """Its table would need thousands of times the memory of its text."""
+    head = TRC.splitlines()[:3]
+    names = "Frame#\tTime\t" + "\t\t\t".join(f"m{k}" for k in range(30_000))
+    rows = [f"{k}\t{k / 50}" for k in range(30_000)]
+    (tmp_path / "bomb.trc").write_text("\n".join([*head, names, "", *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match="most of its cells are missing"):
+        read_trc(tmp_path / "bomb.trc")
+
+
+def test_markers_of_one_name_get_numbers(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_text(TRC.replace("foot", "head"), encoding="utf-8")
+    assert read_trc(tmp_path / "a.trc").keypoints == ("head", "head (2)")
 
 
 def test_files_of_other_programs_are_read(mocap_files: Path) -> None:

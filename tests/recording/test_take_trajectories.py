@@ -112,5 +112,5 @@ def test_an_invalid_entry_is_left_out_and_named(tmp_path: Path, broken: Any) -> 
 
 def test_labels_are_of_their_run(tmp_path: Path) -> None:
     found = take_trajectories(make(tmp_path / "a.mcap", [[(1, "", True)]] * 2, runs=2))["people"]
-    assert found.labels[0] == {"participant": 7, "placement": "right-90", "scenario": "walk"}
+    assert found.labels[0] == {"participant": 7, "placement": "right-90", "scenario": "walk", "method": "stand-still"}
     assert set(found.individuals) == {"person_1", "run1_person_1"}

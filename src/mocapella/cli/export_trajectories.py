@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from mocapella.cli import INTERRUPTED
+from mocapella.cli import DAMAGED, INTERRUPTED
 from mocapella.cli.common import JsonOut, say, working, write_json
-from mocapella.errors import SettingsError, TakeExistsError, one_of
+from mocapella.errors import MocapellaError, SettingsError, TakeExistsError, one_of
 
 if TYPE_CHECKING:
     from mocapella.exports.export import Export
     from mocapella.model.trajectories import Trajectories
+    from mocapella.recording.take_reader import Take
 
 SPACES: Final = ("world", "opensim", "sensor:NAME")
 _FORBIDDEN: Final = '/\\:*?"<>|'
@@ -44,7 +46,7 @@ def export(
     ] = None,
     people: Annotated[
         str | None,
-        typer.Option("--people", metavar="NAME,NAME,…", help="Individuals to write, such as person_1; all by default."),
+        typer.Option("--people", metavar="NAME,NAME,…", help="Individuals to write, such as person_0; all by default."),
     ] = None,
     rate: Annotated[
         float | None,
@@ -66,65 +68,113 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: JsonOut = None,
 ) -> None:  # fmt: skip
-    """Positions are in metres in the world. Results without a known keypoint have no rows.
+    """Each kind of results (people, hands, arms, bodies, objects, points) has a file of its own if a take has several.
 
-    Each kind of results (people, hands, arms, bodies, objects, points) has a file of its own if a take has several. A
-    format for one individual has a file for each. An existing file is not replaced without --force. docs/export.md
-    describes all formats.
+    A format for one individual has a file for each. An existing file is not replaced without --force. docs/export.md
+    describes the formats, their units and axes.
 
-    Example:  mocapella export trc walk-1 --people person_1
+    Example:  mocapella export trc walk-1 --people person_0
     """
-    from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.cli.recordings import find_recording
     from mocapella.exports.export import EXPORTS
 
     chosen = EXPORTS.find(str(context.info_name))
-    wishes = _Wishes(tuple(name for name in (people or "").split(",") if name), rate, _space(space), raw, force)
+    wishes = _Wishes(_names(people), rate, _space(space), raw, force)
     found = [find_recording(take) for take in takes]
-    if out is not None and not out.is_dir() and len(found) > 1:
-        raise SettingsError(f"--out {out}: there are {len(found)} takes; name a folder that exists")
-    rows = []
+    _check_out(out, found)
+    rows, failed, damaged = [], False, False
     for path in found:
-        with working(f"reading {path.name} …", status=INTERRUPTED):
-            some = _trajectories(open_take(path), wishes)
-        files = list(_planned(chosen, some, _base(path, out, chosen), wishes))
-        for file, _ in files:
-            if file.exists() and not force:
-                raise TakeExistsError(f"{file} exists; add --force to replace it, or name another file with --out")
-        written: list[dict[str, Any]] = []
-        for file, one in files:
-            with working(f"writing {file} …", status=INTERRUPTED):
-                count, notes = _write(chosen, one, file, wishes)
-            say(f"{count} frames of {', '.join(one.individuals)} in {file}")
-            for note in notes:
-                say(f"{file}: {note}")
-            row = {"path": str(file), "frames": count, "individuals": list(one.individuals)}
-            written.append({**row, "notes": notes} if notes else row)
-        problems = list(open_take(path).problems)
-        for problem in problems:
-            say(f"{path.name}: {problem}")
-        rows.append({"take": str(path), "files": written, "take_problems": problems})
+        try:
+            row = _export_take(chosen, path, out, wishes)
+        except MocapellaError as error:
+            if len(found) == 1:
+                raise
+            say(f"{path.name}: {error}")
+            rows.append({"take": str(path), "files": [], "take_problems": [str(error)]})
+            failed = True
+            continue
+        damaged |= row.pop("damaged")
+        rows.append(row)
     write_json(json, rows)
+    if failed or damaged:
+        raise typer.Exit(1 if failed else DAMAGED)
+
+
+def _export_take(chosen: Export, path: Path, out: Path | None, wishes: _Wishes) -> dict[str, Any]:
+    """Write the files of one take; return its row of ``--json``, and whether it is damaged."""
+    from mocapella.cli.recordings import open_take, tell_left_out
+
+    with working(f"reading {path.name} …", status=INTERRUPTED):
+        take = open_take(path)
+        tell_left_out(chosen.name, path)
+        some = _trajectories(take, chosen, wishes)
+    files = list(_planned(chosen, some, _base(path, out, chosen)))
+    for file, _ in files:
+        if os.path.lexists(file) and not wishes.force:
+            raise TakeExistsError(f"{file} exists; add --force to replace it, or name another file with --out")
+    if out is not None and not out.suffix:
+        out.mkdir(exist_ok=True)
+    written: list[dict[str, Any]] = []
+    for file, one in files:
+        with working(f"writing {file} …", status=INTERRUPTED):
+            count, notes = _write(chosen, one, file, wishes)
+        say(f"{count} frames of {', '.join(one.individuals)} in {file}")
+        for note in notes:
+            say(f"{file}: {note}")
+        row = {"path": str(file), "frames": count, "individuals": list(one.individuals)}
+        written.append({**row, "notes": notes} if notes else row)
+    problems = list(take.problems)
+    for problem in problems:
+        say(f"{path.name}: {problem}")
+    return {"take": str(path), "files": written, "take_problems": problems, "damaged": take.damaged}
+
+
+def _names(people: str | None) -> tuple[str, ...]:
+    """Return the names of ``--people``, each once."""
+    names = tuple(dict.fromkeys(name.strip() for name in (people or "").split(",") if name.strip()))
+    if people is not None and not names:
+        raise SettingsError("--people has no name; write names with commas, such as person_0,anna")
+    return names
+
+
+def _check_out(out: Path | None, takes: list[Path]) -> None:
+    """Check ``--out`` before any work: several takes need a folder, and names that differ."""
+    if out is None:
+        return
+    if out.name.startswith(".") and not out.is_dir():
+        raise SettingsError(f"--out {out}: name a file or a folder")
+    folder = out.is_dir() or not out.suffix
+    if len(takes) > 1 and not folder:
+        raise SettingsError(f"--out {out}: there are {len(takes)} takes; name a folder")
+    if folder and not out.is_dir() and (out.exists() or not out.parent.is_dir()):
+        raise SettingsError(f"--out {out}: no folder can be made there; name one in a folder that exists")
+    stems = [take.stem.casefold() for take in takes]
+    for take, stem in zip(takes, stems, strict=True):
+        if stems.count(stem) > 1:
+            raise SettingsError(f"--out {out}: two takes are called {take.stem}, and one file would replace the other")
 
 
 def _space(text: str) -> str:
-    if text not in SPACES[:2] and not text.removeprefix("sensor:") != text.strip():
+    text = text.strip()
+    sensor = text.startswith("sensor:") and text != "sensor:"
+    if text not in SPACES[:2] and not sensor:
         raise SettingsError(f"--space {text!r}: known: {one_of(text, SPACES)}")
     return text
 
 
-def _trajectories(take: Any, wishes: _Wishes) -> dict[str, Trajectories]:
+def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Trajectories]:
     """Return the trajectories to write, by kind.
 
     Raises:
         SettingsError: the take has none of them.
     """
-    from mocapella.model.trajectories import PARTS, VIEWS
+    from mocapella.model.trajectories import VIEWS
     from mocapella.recording.take_trajectories import take_trajectories
 
     sensor = wishes.space.removeprefix("sensor:") if wishes.space.startswith("sensor:") else None
-    found = take_trajectories(take, (VIEWS,) if wishes.raw else tuple(PARTS), sensor=sensor)
+    found = take_trajectories(take, (VIEWS,) if wishes.raw else export.parts or (), sensor=sensor)
     if not found:
-        what = "results with a sensor's own skeletons" if wishes.raw else "results"
+        what = "results with a sensor's own skeletons" if wishes.raw else f"results for {export.name}"
         raise SettingsError(f"{take.path.name} has no {what}; `mocapella take info {take.path.name}` shows its content")
     known = [name for some in found.values() for name in some.individuals]
     for name in wishes.people:
@@ -140,23 +190,27 @@ def _base(take: Path, out: Path | None, export: Export) -> Path:
     """Return the path of the files without the ending."""
     if out is None:
         return take.with_suffix("")
-    if out.is_dir():
+    if out.is_dir() or not out.suffix:
         return out / take.stem
-    return out.with_name(out.name.removesuffix(export.suffix))
+    endings = (export.suffix, Path(export.suffix).suffix)  # .wide.csv, .csv
+    return out.with_name(next((out.name.removesuffix(one) for one in endings if out.name.endswith(one)), out.name))
 
 
-def _planned(
-    export: Export, found: dict[str, Trajectories], base: Path, wishes: _Wishes
-) -> Iterator[tuple[Path, Trajectories]]:
-    """Yield the files to write and the trajectories in each."""
+def _planned(export: Export, found: dict[str, Trajectories], base: Path) -> Iterator[tuple[Path, Trajectories]]:
+    """Yield the files to write and the trajectories in each; names that differ in case only are numbered."""
+    from mocapella.model.names import distinct
+
+    plan: list[tuple[str, Trajectories]] = []
     for kind, some in found.items():
         name = base.name if len(found) == 1 else f"{base.name}.{kind}"
         if not export.alone:
-            yield base.with_name(name + export.suffix), some
+            plan.append((name, some))
             continue
         for one in some.individuals:
-            own = name if len(some.individuals) == 1 else f"{name}.{_file_name(one)}"
-            yield base.with_name(own + export.suffix), some.of([one])
+            plan.append((name if len(some.individuals) == 1 else f"{name}.{_file_name(one)}", some.of(one)))
+    alike = distinct(name.casefold() for name, _ in plan)
+    for own, (name, some) in zip(alike, plan, strict=True):
+        yield base.with_name(name + own[len(name.casefold()) :] + export.suffix), some
 
 
 def _file_name(individual: str) -> str:

@@ -85,11 +85,12 @@ class _ExportVerb(TyperCommand):
         from mocapella.cli import DAMAGED
         from mocapella.cli.recordings import open_take, tell_left_out
 
-        takes = [Path(take) for take in ctx.params.get("takes") or [ctx.params["take"]]]  # typer converts them later
-        for take in takes:
-            tell_left_out(str(self.name), take)
+        if "take" not in ctx.params:  # an export of several takes does this for each
+            return super().invoke(ctx)
+        take = Path(ctx.params["take"])  # typer converts it later
+        tell_left_out(str(self.name), take)
         result = super().invoke(ctx)
-        if any(open_take(take).damaged for take in takes):
+        if open_take(take).damaged:
             raise typer.Exit(DAMAGED)
         return result
 

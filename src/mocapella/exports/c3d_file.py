@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -10,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from mocapella.errors import SettingsError
+from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
 
@@ -57,17 +59,19 @@ def _head(trajectories: Trajectories, frames: int, points: int) -> bytes:
     low, high = frames & 0xFFFF, frames >> 16
     most = min(frames, 0xFFFF)
 
+    labels, names = distinct(map(_plain, trajectories.keypoints)), [_plain(name) for name in trajectories.individuals]
+
     def records(data_start: int) -> bytes:
         own = [
             _group(1 + number, name) for number, name in enumerate(_GROUPS)
         ] + [
             _numbers(1, "USED", "h", points), _numbers(1, "SCALE", "f", -1.0),
             _numbers(1, "RATE", "f", trajectories.rate_hz), _numbers(1, "DATA_START", "h", data_start),
-            _numbers(1, "FRAMES", "H", most), _texts(1, "LABELS", trajectories.keypoints), _texts(1, "UNITS", ["mm"]),
+            _numbers(1, "FRAMES", "H", most), _texts(1, "LABELS", labels), _texts(1, "UNITS", ["mm"]),
             _texts(1, "DESCRIPTIONS", [""] * points), _texts(1, "X_SCREEN", ["+X"]), _texts(1, "Y_SCREEN", ["+Y"]),
             _numbers(2, "USED", "h", 0), _numbers(2, "GEN_SCALE", "f", 1.0), _numbers(2, "RATE", "f", 0.0),
             _numbers(3, "ACTUAL_START_FIELD", "H", 1, 0), _numbers(3, "ACTUAL_END_FIELD", "H", low, high),
-            _numbers(4, "USED", "h", 1), _texts(4, "NAMES", trajectories.individuals),
+            _numbers(4, "USED", "h", 1), _texts(4, "NAMES", names),
             _texts(5, "SOFTWARE", ["Mocapella"]),
         ]  # fmt: skip
         return b"".join(own) + bytes(2)
@@ -93,6 +97,12 @@ def _parameter(group: int, name: str, kind: int, sizes: Sequence[int], data: byt
 def _numbers(group: int, name: str, form: str, *values: float) -> bytes:
     sizes = [] if len(values) == 1 else [len(values)]
     return _parameter(group, name, 4 if form == "f" else 2, sizes, struct.pack(f"<{len(values)}{form}", *values))
+
+
+def _plain(text: str) -> str:
+    """Return a text as printable ASCII: letters without their marks, ``?`` for what has no such letter."""
+    letters = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
+    return "".join(one if one.isascii() and one.isprintable() else "?" for one in letters)
 
 
 def _texts(group: int, name: str, texts: Sequence[str]) -> bytes:

@@ -16,7 +16,9 @@ def needed(module: str, *, extra: str = "exports") -> Any:
     """
     try:
         return import_module(module)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
+        if error.name != module.partition(".")[0]:  # it is installed, and one that it needs is not
+            raise SettingsError(f"{module} cannot be imported: {error}; install it again") from error
         raise SettingsError(
             f"{module.partition('.')[0]} is not installed: uv sync --extra {extra} (elsewhere: install "
             f"'mocapella[{extra}]')"

@@ -33,4 +33,5 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
             part.chmod(usual_mode())
             part.replace(path)
     except OSError as error:
-        raise SettingsError(f"--out {path}: {error.strerror or error}; name a file in a folder that exists") from error
+        fix = "; name a file in a folder that exists" if isinstance(error, FileNotFoundError) else ""
+        raise SettingsError(f"--out {path}: {error.strerror or error}{fix}") from error

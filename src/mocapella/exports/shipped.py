@@ -30,9 +30,11 @@ JSON: Final = Export(
 )
 
 
-def _trajectories(name: str, summary: str, write: str, suffix: str, *, alone: bool = False) -> Export:
+def _trajectories(
+    name: str, summary: str, write: str, suffix: str, *, parts: tuple[str, ...] = tuple(PARTS), alone: bool = False
+) -> Export:
     return Export(
-        1, name, summary, tuple(PARTS), TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, constant_rate=alone
+        1, name, summary, parts, TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, constant_rate=alone
     )
 
 
@@ -61,5 +63,5 @@ C3D: Final = _trajectories(
 )  # fmt: skip
 BVH: Final = _trajectories(
     "bvh", "Animated skeleton for Blender and games: one individual, constant rate, centimetres.", "bvh_file:write_bvh",
-    ".bvh", alone=True,
+    ".bvh", parts=("people", "hands", "arms"), alone=True,
 )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from mocapella.conventions import NS_PER_S
 from mocapella.exports.needs import needed
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
+from mocapella.settings import check
+
+MOST_NETCDF_BYTES: Final = 1 << 31
 
 
 def as_dataset(trajectories: Trajectories, source: str = "") -> Any:
@@ -52,7 +55,8 @@ def as_dataset(trajectories: Trajectories, source: str = "") -> Any:
         "source_software": "mocapella", "source_file": source, "ds_type": "poses", "time_unit": "seconds",
         "space_unit": "m", "kind": trajectories.kind, "began": began(trajectories),
     }  # fmt: skip
-    if math.isfinite(trajectories.rate_hz):
+    steps = np.diff(trajectories.times_s)
+    if math.isfinite(trajectories.rate_hz) and np.ptp(steps) < 1e-6:  # movement takes it for that of all frames
         attributes["fps"] = trajectories.rate_hz  # type: ignore[assignment]
     return xarray.Dataset(variables, coords, attributes)
 
@@ -69,9 +73,13 @@ def write_netcdf(trajectories: Trajectories, path: Path) -> None:
     """Write the data set of `as_dataset` as netCDF, which ``movement`` and xarray open.
 
     Raises:
-        SettingsError: xarray is not installed; names the extra.
+        SettingsError: xarray is not installed, names the extra; or a variable is too large for the format.
         OSError: the file cannot be written.
     """
+    check(
+        trajectories.positions.nbytes < MOST_NETCDF_BYTES, "size of the positions", trajectories.positions.nbytes,
+        "below 2 GiB in a netCDF; choose fewer individuals, a lower rate, or npz",
+    )  # fmt: skip
     as_dataset(trajectories).to_netcdf(path, engine="scipy")
 
 

@@ -172,4 +172,9 @@ def write_parquet(trajectories: Trajectories, path: Path) -> None:
         SettingsError: polars is not installed; names the extra.
         OSError: the file cannot be written.
     """
-    as_polars(trajectories).write_parquet(path)
+    frame = as_polars(trajectories)
+    try:
+        with path.open("wb") as file:
+            frame.write_parquet(file)
+    except needed("polars").exceptions.PolarsError as error:  # a full disk, too
+        raise OSError(str(error)) from error

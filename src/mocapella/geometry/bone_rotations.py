@@ -17,10 +17,10 @@ _TINY: float = 1e-9
 def joint_rotations(parents: Int64, offsets: Float64, positions: Float64) -> Float64:
     """Return the rotation of each joint that turns its bones, at rest along ``offsets``, to the measured ones.
 
-    A joint with several bones has the rotation with the least squared error of their directions (W. Kabsch, Acta Cryst.
-    A32, 1976, 922), computed by singular values, never a reflection. One with a single bone, or with parallel ones, has
-    the parent's rotation, followed by the shortest rotation to the measured direction: the twist about the bone is not
-    observed, and is zero. One without a bone has its parent's rotation.
+    A joint with several bones has the rotation with the least squared error of their ends at the length at rest (W.
+    Kabsch, Acta Cryst. A32, 1976, 922), computed by singular values, never a reflection. One with a single bone, or
+    with parallel ones, has the parent's rotation, followed by the shortest rotation to the measured direction: the
+    twist about the bone is not observed, and is zero. One without a bone has its parent's rotation.
 
     Args:
         parents: (joints,) index of each joint's parent, which is smaller than the joint's own; −1 for the root, which
@@ -43,12 +43,13 @@ def joint_rotations(parents: Int64, offsets: Float64, positions: Float64) -> Flo
 
 def _turned(before: Float64, rest: Float64, measured: Float64) -> Float64:
     """Return the rotation (..., 3, 3) of one joint's bones, from rest (bones, 3) to measured (..., bones, 3)."""
-    long = np.linalg.norm(rest, axis=1) > _TINY
-    rest, measured = _unit(rest[long]), _unit(measured[..., long, :])
+    length = np.linalg.norm(rest, axis=1)
+    long = length > _TINY
+    length, rest, measured = length[long], _unit(rest[long]), _unit(measured[..., long, :])
     if not len(rest):
         return before
     if np.linalg.matrix_rank(rest, tol=0.1) > 1:
-        u, _, vt = np.linalg.svd(np.einsum("...bi,bj->...ij", measured, rest))
+        u, _, vt = np.linalg.svd(np.einsum("b,...bi,bj->...ij", length**2, measured, rest))
         flip = np.ones(u.shape[:-1])
         flip[..., 2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
         return np.asarray((u * flip[..., None, :]) @ vt)

@@ -104,6 +104,8 @@ class MotionTracks(Trajectories):
         )
 
     def _repr_html_(self) -> str:
+        if not len(self):
+            return f"<p>{html.escape(repr(self))}</p>"
         shares = "".join(
             f"<tr><td>{html.escape(name)}</td><td>{present.mean():.0%}</td><td>{measured:.0%}</td></tr>"
             for name, present, measured in zip(self.individuals, self.present.T, self._measured(), strict=True)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, SettingsError
 from mocapella.library.motion_tracks import MotionTracks
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
@@ -16,7 +16,7 @@ from mocapella.recording.bodies_trajectories import read_bodies
 from mocapella.recording.c3d_file import read_c3d
 from mocapella.recording.disk import SUFFIX
 from mocapella.recording.take_reader import Take, read_take
-from mocapella.recording.take_trajectories import take_trajectories, timed_scenes
+from mocapella.recording.take_trajectories import labels_of, take_trajectories, timed_scenes
 from mocapella.recording.trc_file import read_trc
 
 READERS: Final[Mapping[str, Callable[[Path], Trajectories]]] = {
@@ -79,9 +79,11 @@ class Recording:
         """Return the motion in a sensor's camera space, by kind; unknown while the sensor's pose is.
 
         Raises:
-            SettingsError: no result has a pose of the sensor; lists the sensors.
+            SettingsError: the recording is no take, or no result has a pose of the sensor; lists the sensors.
         """
-        found = {} if self.take is None else take_trajectories(self.take, kinds, sensor=sensor)
+        if self.take is None:
+            raise SettingsError(f"{self.path.name} has no sensors: only a take has")
+        found = take_trajectories(self.take, kinds, sensor=sensor)
         return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
 
     @property
@@ -99,21 +101,14 @@ class Recording:
     @property
     def labels(self) -> dict[int, dict[str, Any]]:
         """Participant, placement, scenario and method of each run of a take, by the run's number."""
-        runs = () if self.take is None else self.take.runs
-        return {
-            run.number: {
-                "participant": run.info.setup.participant,
-                "placement": run.info.setup.placement,
-                "scenario": run.info.setup.scenario,
-                "method": run.info.method,
-            }
-            for run in runs
-        }
+        return {} if self.take is None else labels_of(self.take)
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Faults of the file, a line each; what could be read is there."""
-        return () if self.take is None else self.take.problems
+        if self.take is None:
+            return tuple(note for one in self._all.values() for note in one.notes)
+        return self.take.problems
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the tracker's results one by one, with everything in them; none for a file of trajectories."""
@@ -163,6 +158,10 @@ def load(path: Path | str) -> Recording:
         return Recording(path, None, {found.kind: found})
     if suffix != SUFFIX and path.with_name(path.name + SUFFIX).is_file():
         path = path.with_name(path.name + SUFFIX)
+    elif suffix != SUFFIX and not path.exists():
+        raise InputError(
+            "there is no such file", file=path, fix=f"name a file that is there, such as {path.name}{SUFFIX}"
+        )
     elif suffix != SUFFIX:
         known = ", ".join((SUFFIX, *READERS))
         raise InputError("is no recording that can be loaded", file=path, fix=f"give a file that ends with {known}")

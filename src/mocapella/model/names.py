@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\..*)?", re.IGNORECASE)
@@ -23,6 +24,18 @@ def as_cell(text: str) -> str:
 def of_cell(text: str) -> str:
     """Invert `as_cell`: return a table cell's text without the apostrophe that `as_cell` puts before it."""
     return text[1:] if len(text) > 1 and text[0] == "'" and text[1] in _FORMULA + "'" else text
+
+
+def distinct(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names of which none repeats: a repeated one gets a number, such as ``head (2)``."""
+    found: dict[str, None] = {}
+    for name in names:
+        own, number = name, 1
+        while own in found:
+            number += 1
+            own = f"{name} ({number})"
+        found[own] = None
+    return tuple(found)
 
 
 def plural(count: int, one: str, many: str) -> str:

@@ -16,7 +16,11 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 LONGEST_GAP_S: Final = 0.1
-"""Longest time between two known samples that is interpolated by default: three frames at 30 Hz [s]."""
+"""Longest time between two known samples that is interpolated by default, or `LONGEST_GAP_FRAMES` if that is longer
+[s]."""
+LONGEST_GAP_FRAMES: Final = 3.0
+_MOST_BYTES: Final = 8 << 30
+"""Largest size of the positions at the new rate [byte]."""
 _ROUND: Final = 0.02
 """Relative distance within which a measured frame rate is taken for a whole number of Hz."""
 
@@ -34,7 +38,7 @@ def usual_rate_hz(trajectories: Trajectories) -> float:
 
 
 def resampled(
-    trajectories: Trajectories, rate_hz: float | None = None, *, longest_gap_s: float = LONGEST_GAP_S
+    trajectories: Trajectories, rate_hz: float | None = None, *, longest_gap_s: float | None = None
 ) -> Trajectories:
     """Return the trajectories at a constant rate, from the first frame's time to the last one's, over all runs.
 
@@ -45,18 +49,24 @@ def resampled(
     Args:
         trajectories: the trajectories, at any times.
         rate_hz: the rate; None for `usual_rate_hz` [Hz].
-        longest_gap_s: longest time between two samples of a keypoint that is interpolated [s].
+        longest_gap_s: longest time between two samples of a keypoint that is interpolated; None for `LONGEST_GAP_S`, or
+            `LONGEST_GAP_FRAMES` at the trajectories' own rate if that is longer [s].
 
     Raises:
-        SettingsError: the rate is not above 0 and at most 10,000 Hz.
+        SettingsError: the rate is not above 0 and at most 10,000 Hz, or gives more frames than fit into memory.
     """
     rate = usual_rate_hz(trajectories) if rate_hz is None else rate_hz
     check(0 < rate <= 10_000, "rate", rate, "above 0 and at most 10000 Hz")
     old = trajectories
+    if longest_gap_s is None:
+        own = LONGEST_GAP_FRAMES / old.rate_hz if old.rate_hz > 0 else 0.0
+        longest_gap_s = max(LONGEST_GAP_S, own)
     first, last = (float(old.times_s.min()), float(old.times_s.max())) if len(old) else (0.0, -1.0)
     count = math.floor((last - first) * rate * (1 + 1e-12) + 1e-6) + 1 if len(old) else 0
-    times = first + np.arange(count) / rate
     people, points = len(old.individuals), len(old.keypoints)
+    fits = count * people * points * 24 <= _MOST_BYTES
+    check(fits, "number of frames", count, "fewer: choose a lower rate or fewer individuals, or export the runs apart")
+    times = first + np.arange(count) / rate
     positions, sd = np.full((count, people, points, 3), np.nan), np.full((count, people, points), np.nan, np.float32)
     states = np.zeros((count, people, points), np.uint8)
     angles = np.full((count, people, len(old.angle_names)), np.nan) if old.angle_names else old.angles

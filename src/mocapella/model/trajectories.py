@@ -16,6 +16,7 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.model.arms import ARM_POINTS, PALM
 from mocapella.model.hand import ANGLES, LANDMARKS, PARENTS
+from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Scene
 
@@ -52,6 +53,7 @@ class Trajectories:
         rate_hz: median frame rate of the fastest sensor; NaN with fewer than two frames [Hz].
         began_unix_ns: wall clock of time 0, since 1970 [ns].
         labels: participant, placement, scenario and the like by name, of each run by its number.
+        notes: sentences for the user about what a file of them lacks.
     """
 
     kind: str
@@ -69,6 +71,7 @@ class Trajectories:
     rate_hz: float = math.nan
     began_unix_ns: int = 0
     labels: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -78,20 +81,23 @@ class Trajectories:
         """(frames, individuals) whether an individual has a known keypoint."""
         return np.any(np.all(np.isfinite(self.positions), axis=3), axis=2)  # type: ignore[no-any-return]
 
-    def of(self, individuals: Sequence[str]) -> Trajectories:
-        """Return the trajectories of some individuals, in the given order.
+    def of(self, individuals: Sequence[str] | str) -> Trajectories:
+        """Return the trajectories of one individual or several, each once, in the given order.
 
         Raises:
             SettingsError: an individual is unknown; lists the known ones.
         """
-        for name in individuals:
+        names = dict.fromkeys([individuals] if isinstance(individuals, str) else individuals)
+        for name in names:
             if name not in self.individuals:
                 raise SettingsError(f"no {name!r} among {self.kind}; known: {one_of(name, self.individuals)}")
-        return self._take(slice(None), [self.individuals.index(name) for name in individuals])
+        return self._take(slice(None), [self.individuals.index(name) for name in names])
 
     def at(self, frames: Any) -> Trajectories:
-        """Return some frames, by a slice, a boolean mask or indices (frames,)."""
-        return self._take(frames, slice(None))
+        """Return some frames, by a slice, a boolean mask or indices (frames,); their rate is that of their times."""
+        some = self._take(frames, slice(None))
+        whole = isinstance(frames, slice) and frames.step in (None, 1)
+        return some if whole else replace(some, rate_hz=1.0 / _median_step(some.times_s))
 
     def moved(self, T_to_world: Float64) -> Trajectories:
         """Return the trajectories in another frame of coordinates.
@@ -275,8 +281,8 @@ def trajectories_of(
 ) -> dict[str, Trajectories]:
     """Return the trajectories of a sequence of scenes, by kind; a kind without any part is left out.
 
-    Frames are in the order of their capture times; of several scenes with equal times, the last one counts. An
-    individual without a name gets one of its id, such as ``person_1``, and in a later run ``run1_person_1``,
+    Frames are in the order of their capture times; of several scenes with equal times, the last one counts, and views
+    of all. An individual without a name gets one of its id, such as ``person_1``, and in a later run ``run1_person_1``,
     because another tracker gives other ids.
 
     Args:
@@ -298,8 +304,9 @@ def trajectories_of(
         if sensor is not None:
             sensor_poses.append(next((one.T_world_sensor for one in scene.sensors if one.sensor == sensor), None))
         for kind, rows in collected.items():
-            for row in _KINDS[kind](scene):
-                rows.setdefault((run, row.name, row.layout), []).append((number, row))
+            own = list(_KINDS[kind](scene))
+            for name, row in zip(distinct(row.name for row in own), own, strict=True):
+                rows.setdefault((run, name, row.layout), []).append((number, row))
     if not times:
         return {}
     axis = TimeAxis.of(times, by_sensor)
@@ -310,7 +317,7 @@ def trajectories_of(
         raise SettingsError(f"no pose of a sensor {sensor!r}; sensors: {one_of(sensor, {s for _, s in by_sensor})}")
     T = np.full((len(axis.times_s), 4, 4), np.nan)
     for frame, T_world_sensor in zip(axis.frame_of.tolist(), sensor_poses, strict=True):
-        if frame >= 0 and T_world_sensor is not None:
+        if T_world_sensor is not None:
             T[frame] = inverse(T_world_sensor)
     return {kind: some.moved(T) for kind, some in found.items()}
 
@@ -321,12 +328,16 @@ class TimeAxis:
 
     Attributes:
         times_s, runs, rate_hz, began_unix_ns: as in `Trajectories`.
-        frame_of: (scenes,) frame of each scene; −1 for a scene that another one with an equal time replaces.
+        first_run: number of the first run.
+        frame_of: (scenes,) frame of each scene.
+        replaced: (scenes,) whether a later scene with an equal time replaces it, but for its own sensor's views.
     """
 
     times_s: Float64
     runs: Int64
     frame_of: Int64
+    replaced: NDArray[np.bool_]
+    first_run: int
     rate_hz: float
     began_unix_ns: int
 
@@ -343,15 +354,22 @@ class TimeAxis:
         last = np.ones(len(order), dtype=np.bool_)
         last[:-1] = np.diff(at_ns[order]) != 0
         kept = order[last]
-        frame_of = np.full(len(times), -1, dtype=np.int64)
-        frame_of[kept] = np.arange(len(kept))
+        replaced = np.ones(len(times), dtype=np.bool_)
+        replaced[kept] = False
+        frame_of = np.empty(len(times), dtype=np.int64)
+        frame_of[order] = np.cumsum(last) - last
         began = int(at_ns.min())
         rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := _median_step(sensor)) > 0]
-        return TimeAxis((at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, max(rates, default=math.nan), began)
+        return TimeAxis(
+            (at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, replaced, int(runs.min()),
+            max(rates, default=math.nan), began,
+        )  # fmt: skip
 
 
-def _median_step(times_ns: Sequence[int]) -> float:
-    return float(np.median(np.diff(np.sort(times_ns)))) if len(times_ns) > 1 else math.nan
+def _median_step(times: Sequence[int] | Float64) -> float:
+    """Return the median step of times, NaN with fewer than two or without a step above 0."""
+    steps = np.diff(np.sort(times))
+    return float(np.median(steps)) if len(steps) and np.median(steps) > 0 else math.nan
 
 
 def assembled(kind: str, blocks: Sequence[Block], axis: TimeAxis) -> Trajectories:
@@ -362,9 +380,8 @@ def assembled(kind: str, blocks: Sequence[Block], axis: TimeAxis) -> Trajectorie
         blocks: at least one.
         axis: the frames.
     """
-    first = min(block.run for block in blocks)
     names = {
-        (run, name): f"run{run}_{name}" if run > first and _NUMBERED.fullmatch(name) else name
+        (run, name): f"run{run}_{name}" if run > axis.first_run and _NUMBERED.fullmatch(name) else name
         for run, name in sorted({(block.run, block.name) for block in blocks})
     }
     individuals = tuple(dict.fromkeys(names.values()))
@@ -378,9 +395,9 @@ def assembled(kind: str, blocks: Sequence[Block], axis: TimeAxis) -> Trajectorie
     angles = np.full((*shape, len(angle_names)), np.nan) if angle_names else np.empty((0, 0, 0))
     poses = np.full((*shape, 4, 4), np.nan) if kind in _WITH_POSES else None
     for block in blocks:
-        i, frames = individuals.index(names[block.run, block.name]), axis.frame_of[block.scenes]
-        kept = frames >= 0
-        at = frames[kept][:, None]
+        i = individuals.index(names[block.run, block.name])
+        kept = ~axis.replaced[block.scenes] | (kind == VIEWS)
+        at = axis.frame_of[block.scenes][kept][:, None]
         to = np.array([keypoints.index(name) for name in block.layout[0]])[None]
         positions[at, i, to], states[at, i, to] = block.positions[kept], block.states[kept]
         if block.sd is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mocapella.decoding import FAULTS, read_whole
 from mocapella.errors import InputError
+from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
 from mocapella.recording.trc_file import METRES
@@ -34,9 +35,9 @@ def read_c3d(path: Path) -> Trajectories:
     """Read the points of a C3D as trajectories of the kind ``points``, in metres, in the file's axes.
 
     The individual has the file's subject name if it has one subject, else the file's. A point with the residual −1 is
-    unknown, and one with the residual 0 is inferred, that is interpolated or modelled, unless no residual of the file
-    is above 0. Other residuals are read as standard deviations, but the largest as unknown, as `mocapella export c3d`
-    writes them. Analog channels are left out.
+    unknown, and one with the residual 0 is inferred, that is interpolated or modelled, unless another program wrote the
+    file and no residual in it is above 0. Other residuals are read as standard deviations, but the largest as unknown,
+    as `mocapella export c3d` writes them. Analog channels are left out.
 
     Raises:
         InputError: it cannot be read, is no C3D, or has no points, an unknown unit or an impossible rate.
@@ -57,7 +58,7 @@ def read_c3d(path: Path) -> Trajectories:
     residuals = (last & 0xFF) * file.scale
     positions = np.where(known[..., None], METRES[unit] * file.words[..., :3], np.nan)
     certain = known & (residuals > 0) & (residuals < _LARGEST_RESIDUAL * file.scale)
-    told = bool((known & (residuals > 0)).any())
+    told = file.ours or bool((known & (residuals > 0)).any())
     states = np.where((residuals == 0) & told, JointState.INFERRED, JointState.TRACKED)
     count = len(file.words)
     return Trajectories(
@@ -70,6 +71,7 @@ def read_c3d(path: Path) -> Trajectories:
         states=np.where(known, states, JointState.NOT_TRACKED).astype(np.uint8)[:, None],
         sd=np.where(certain, METRES[unit] * residuals, np.nan).astype(np.float32)[:, None],
         rate_hz=file.rate_hz,
+        notes=() if count == file.claimed else (f"its header says {file.claimed} frames, and it has {count}",),
     )
 
 
@@ -82,6 +84,8 @@ class _File:
         words: (frames, points, 4) x, y, z in the file's unit, and the fourth word: the residual in its low byte.
         scale: factor of residuals.
         unit, rate_hz, subject: unit of length, frame rate [Hz], and the only subject's name, else empty.
+        ours: whether Mocapella wrote it.
+        claimed: number of frames by its parameters.
     """
 
     names: tuple[str, ...]
@@ -90,6 +94,8 @@ class _File:
     unit: str
     rate_hz: float
     subject: str
+    ours: bool
+    claimed: int
 
 
 def _parsed(data: bytes) -> _File:
@@ -111,7 +117,8 @@ def _parsed(data: bytes) -> _File:
         raise ValueError("its header has no points, no scale or no data")
     size = 4 if scale < 0 else 2
     row = size * (4 * points + analog)
-    count = min(_frame_count(parameters, first, last), (len(data) - begin) // row)
+    claimed = _frame_count(parameters, first, last)
+    count = min(claimed, (len(data) - begin) // row)
     raw = np.frombuffer(data, np.uint8, count * row, begin).reshape(count, row)[:, : 4 * size * points]
     if size == 4:
         words = _floats(raw.tobytes(), processor, end).astype(np.float64).reshape(count, points, 4)
@@ -122,7 +129,9 @@ def _parsed(data: bytes) -> _File:
     names = tuple(labels[:points]) + tuple(f"point_{k + 1}" for k in range(len(labels), points))
     subjects = [name for name in parameters.get("SUBJECTS:NAMES", []) if name]
     unit = next(iter(parameters.get("POINT:UNITS", [])), "mm")
-    return _File(names, words, abs(scale), unit, rate_hz, subjects[0] if len(subjects) == 1 else "")
+    ours = parameters.get("MANUFACTURER:SOFTWARE") == ["Mocapella"]
+    subject = subjects[0] if len(subjects) == 1 else ""
+    return _File(distinct(names), words, abs(scale), unit, rate_hz, subject, ours, claimed)
 
 
 def _frame_count(parameters: Parameters, first: int, last: int) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 from mocapella.errors import WireError
 from mocapella.model.scene import Scene
@@ -24,6 +25,19 @@ def timed_scenes(take: Take) -> Iterator[tuple[int, int, Scene]]:
             yield run.number, scene.at_ns + wall_ns, scene
 
 
+def labels_of(take: Take) -> dict[int, dict[str, Any]]:
+    """Return participant, placement, scenario and method of each run, by the run's number."""
+    return {
+        run.number: {
+            "participant": run.info.setup.participant,
+            "placement": run.info.setup.placement,
+            "scenario": run.info.setup.scenario,
+            "method": run.info.method,
+        }
+        for run in take.runs
+    }
+
+
 def take_trajectories(
     take: Take, kinds: Sequence[str] = tuple(PARTS), *, sensor: str | None = None
 ) -> dict[str, Trajectories]:
@@ -38,14 +52,7 @@ def take_trajectories(
         SettingsError: as in `trajectories_of`.
         InputError, DamagedTakeError: as in `Take.scenes`.
     """
-    labels = {
-        run.number: {
-            "participant": run.info.setup.participant,
-            "placement": run.info.setup.placement,
-            "scenario": run.info.setup.scenario,
-        }
-        for run in take.runs
-    }
+    labels = labels_of(take)
     found = _people_alone(take, kinds) if sensor is None else None
     if found is None:
         found = trajectories_of(timed_scenes(take), kinds, sensor=sensor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Final
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from mocapella.decoding import FAULTS, MOST_TABLE_BYTES, decode_text, read_whole
 from mocapella.errors import InputError
+from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
 
@@ -34,7 +36,10 @@ def read_trc(path: Path) -> Trajectories:
         names = tuple(name.strip() for name in lines[3][2:] if name.strip())
         rows = [line for line in lines[5:] if line[0].strip()]
         times = np.array([float(row[1]) for row in rows])
+        if 3 * len(names) * len(rows) > 2 * len(text):
+            raise ValueError("most of its cells are missing")
         cells = [(row[2:] + [""] * 3 * len(names))[: 3 * len(names)] for row in rows]
+        claimed, short = int(header.get("NumFrames", len(rows))), sum(len(row) < 2 + 3 * len(names) for row in rows)
         points = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in cells])
         positions = points.reshape(len(rows), 1, len(names), 3)
         rate_hz = float(header["DataRate"])
@@ -45,10 +50,16 @@ def read_trc(path: Path) -> Trajectories:
         raise InputError("is an unknown unit", file=path, field="Units", value=unit, fix=f"write {', '.join(METRES)}")
     if not names or not rows or not (np.diff(times) > 0).all() or not np.isfinite(times).all():
         raise InputError("has no markers, or no frames at rising times", file=path, fix=_FIX)
+    if not 0 < rate_hz < math.inf:
+        raise InputError(
+            "is no rate", file=path, field="DataRate", value=rate_hz, fix="write frames a second, such as 60"
+        )
+    notes = [f"its header says {claimed} frames, and it has {len(rows)}"] if claimed != len(rows) else []
+    notes += [f"{short} rows have too few cells; the missing ones are unknown"] if short else []
     known = np.all(np.isfinite(positions), axis=3)
     positions = np.where(known[..., None], METRES[unit] * positions, np.nan)
     states = np.where(known, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8)
     return Trajectories(
-        "points", times, np.zeros(len(rows), np.int64), (path.stem,), names, positions, states,
-        np.full(known.shape, np.nan, np.float32), rate_hz=rate_hz,
+        "points", times, np.zeros(len(rows), np.int64), (path.stem,), distinct(names), positions, states,
+        np.full(known.shape, np.nan, np.float32), rate_hz=rate_hz, notes=tuple(notes),
     )  # fmt: skip

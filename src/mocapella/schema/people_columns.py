@@ -13,6 +13,7 @@ import numpy as np
 
 from mocapella.errors import WireError
 from mocapella.model.limits import SCENE_COORDINATE
+from mocapella.model.names import distinct
 from mocapella.model.trajectories import Block, TimeAxis, Trajectories, assembled, person_name
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.checks import (
@@ -49,8 +50,8 @@ class PeopleColumns:
         number, at_ns = len(self._times), m.at_ns + wall_ns
         self._times.append((run, at_ns))
         self._by_sensor.setdefault((run, m.sensor), []).append(at_ns)
-        for person in m.people:
-            key = (run, person_name(person), m.topology)
+        for name, person in zip(distinct(map(person_name, m.people)), m.people, strict=True):
+            key = (run, name, m.topology)
             scenes, positions, states, sd = self._rows.setdefault(key, ([], [], [], []))
             scenes.append(number)
             positions.append(person.positions_m)
