@@ -87,6 +87,7 @@ def _messages() -> list[Door]:
     from mocapella.schema.body_frames import decode_body_frame
     from mocapella.schema.delimited import DelimitedReader, delimited
     from mocapella.schema.marker_datagrams import decode_marker_datagram
+    from mocapella.schema.people_columns import PeopleColumns
     from mocapella.sources import osc
     from mocapella.sources.bridge_messages import read_message
     from mocapella.sources.v4l2_controls import V4l2Controls
@@ -115,10 +116,16 @@ def _messages() -> list[Door]:
 
     described = struct.pack("=II32siiiiIII", 9, 1, b"gain", 0, 100, 1, 0, 0, 0, 0) + struct.pack("=Ii", 9, 5)
 
+    def people(data: bytes) -> object:
+        columns = PeopleColumns()
+        columns.add(0, 0, data)
+        return columns.trajectories()
+
     return [
         of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),
         of_bytes("skeletons", skeletons, decode_body_frame, MUTATIONS, 0.2),
         of_bytes("scenes", _starting(vectors, "scene_"), decode_scene, MUTATIONS),
+        of_bytes("people of scenes", _starting(vectors, "scene_"), people, MUTATIONS),
         of_bytes("truths", _starting(vectors, "truth_"), decode_truth, MUTATIONS),
         of_bytes("bridge stream", [*_starting(vectors, "stream_"), start], stream, MUTATIONS),
         of_bytes(

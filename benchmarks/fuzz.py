@@ -28,8 +28,8 @@ PIECE: Final = 20_000
 """Inputs of a door of share 1 that a process reads at a time, after which its limit of memory begins anew."""
 
 PARTS: Final = (
-    "frames", "skeletons", "scenes", "truths", "bridge stream", "marker datagrams", "OSC", "bus keys",
-    "V4L2 controls",
+    "frames", "skeletons", "scenes", "people of scenes", "truths", "bridge stream", "marker datagrams", "OSC",
+    "bus keys", "V4L2 controls",
     "requests for frames", "answers about frames", "numbers of frames", "clocks", "replies", "statuses",
     "replies to nodes", "questions", "questions of the view", "answers", "corners of boards", "commands", "rings",
     "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "accounts of takes", "bodies' builds",

@@ -181,7 +181,7 @@ def test_a_c3d_of_integers_is_read(tmp_path: Path) -> None:
     [
         (lambda data: b"", "is no C3D"),
         (lambda data: data[:600], "is no C3D"),
-        (lambda data: data[:1] + b"\0" + data[2:], "the first bytes are not those of a C3D"),
+        (lambda data: data[:1] + b"\0" + data[2:], "it does not begin like a C3D"),
         (lambda data: data[:515] + b"\x07" + data[516:], "processor type 7 is unknown"),
         (lambda data: data.replace(b"mm\0", b"ft\0"), "is an unknown unit"),
         (lambda data: data[: (struct.unpack_from("<H", data, 16)[0] - 1) * 512], "no frames"),

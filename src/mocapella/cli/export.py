@@ -152,7 +152,7 @@ def _timed_scenes(take: Take, chosen: dict[str, Any]) -> Iterator[tuple[Setup, S
 
     Args:
         take: the take.
-        chosen: labels that replace those of all runs.
+        chosen: labels for all runs instead of their own.
     """
     import dataclasses
 

@@ -100,7 +100,7 @@ def _numbers(group: int, name: str, form: str, *values: float) -> bytes:
 
 
 def _plain(text: str) -> str:
-    """Return a text as printable ASCII: letters without their marks, ``?`` for what has no such letter."""
+    """Return a text as printable ASCII: letters without their marks, ``?`` for others."""
     letters = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
     return "".join(one if one.isascii() and one.isprintable() else "?" for one in letters)
 

@@ -86,7 +86,7 @@ def write_netcdf(trajectories: Trajectories, path: Path) -> None:
 def write_npz(trajectories: Trajectories, path: Path) -> None:
     """Write the arrays as NPZ, which `numpy.load` opens.
 
-    The keys are those of `Trajectories`: kind, times_s, runs, individuals, keypoints, positions, states, sd, bones,
+    Keys are attributes of `Trajectories`: kind, times_s, runs, individuals, keypoints, positions, states, sd, bones,
     rate_hz and began_unix_ns; angle_names and angles, and poses, for kinds that have them.
 
     Raises:

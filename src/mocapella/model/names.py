@@ -27,7 +27,7 @@ def of_cell(text: str) -> str:
 
 
 def distinct(names: Iterable[str]) -> tuple[str, ...]:
-    """Return names of which none repeats: a repeated one gets a number, such as ``head (2)``."""
+    """Return the names without repetition: a repeated one gets a number, such as ``head (2)``."""
     found: dict[str, None] = {}
     for name in names:
         own, number = name, 1

@@ -68,8 +68,8 @@ class RigidMotion:
 def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
     """Return the skeleton of one individual: its bones with their median lengths.
 
-    People are at rest in a T pose, others as in the first frame in which most of their keypoints are known; bones of
-    one joint keep the mean angles between them. A bone that is never seen has no length.
+    People are at rest in a T pose, others as in the frame with most known keypoints; bones of one joint keep the mean
+    angles between them. A bone that is never seen has no length.
 
     Args:
         trajectories: one individual.

@@ -100,7 +100,7 @@ class _File:
 
 def _parsed(data: bytes) -> _File:
     if len(data) < 2 * _BLOCK or data[1] != _KEY:
-        raise ValueError("the first bytes are not those of a C3D")
+        raise ValueError("it does not begin like a C3D")
     at = (data[0] - 1) * _BLOCK
     processor = data[at + 3]
     if processor not in (_INTEL, _DEC, _MIPS):

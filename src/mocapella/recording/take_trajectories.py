@@ -70,6 +70,6 @@ def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] |
             for data in take.scene_bytes(run.number):
                 columns.add(run.number, wall_ns, data)
         people = columns.trajectories()
-    except WireError:  # the other way names or leaves out what is invalid
+    except WireError:  # the other way names the invalid entry, or leaves it out
         return None
     return {} if people is None else {"people": people}

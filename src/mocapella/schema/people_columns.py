@@ -44,7 +44,7 @@ class PeopleColumns:
             data: the encoded scene.
 
         Raises:
-            SchemaVersionError, WireError: as `decode_scene`, for what is read here.
+            SchemaVersionError, WireError: as `decode_scene`, for these fields.
         """
         m = parse(pb.Scene, data, MAX_SCENE_BYTES)
         number, at_ns = len(self._times), m.at_ns + wall_ns

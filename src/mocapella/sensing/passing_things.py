@@ -5,7 +5,7 @@
 
 Foreground that is apart from the body, with background between, begins a thing. From then on it is one, also when it
 comes beside the body, where it could be taken for a limb. A limb that a tracker has lost is no thing, as it hangs on
-the body, be it through pixels of which nothing is known, as where the body stood from the first image on.
+the body, also through unknown pixels, as where the body stood from the first image on.
 """
 
 from __future__ import annotations

@@ -148,7 +148,7 @@ class LimbRecovery:
         due: set[str],
         missed: Mapping[str, float],
     ) -> tuple[TreePose, list[NDArray[np.int64]]]:
-        """Search limbs one after the other; return the pose with those that were found, and their joints."""
+        """Search limbs one after the other; return the pose with the found ones, and their joints."""
         moved: list[NDArray[np.int64]] = []
         for limb in order:
             stands = self._body.standing(pose)
