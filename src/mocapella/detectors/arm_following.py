@@ -237,7 +237,7 @@ class KinematicArmDetector:
         assert arm.region is not None
         model, pose = arm.model, arm.fitted.pose
         evidence = evidence_of(arm.region, model, pose, _FEW, 0.15)
-        arm.in_doubt = arm.in_doubt + 1 if doubt else 0
+        arm.count_doubt(doubt, s)
         starts = []
         if arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2:
             digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
@@ -257,7 +257,7 @@ class KinematicArmDetector:
             other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, pose, evidence):
                 self._change(arm, arm.side, other, arm.region)
-        if arm.in_doubt >= arm.wait:
+        if arm.is_due(s):
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
             self._anew(arm, depth)
 
@@ -269,7 +269,10 @@ class KinematicArmDetector:
         for one in sorted(found, key=lambda one: one.rank)[:1]:
             part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
             if part is not None and self._change(arm, one.side, one.fitted, part):
-                arm.sure, arm.wait = self.finder.sure(one, found), self.settings.look_again_after
+                arm.sure = self.finder.sure(one, found)
+                if arm.proven:
+                    arm.wait = self.settings.look_again_after
+                arm.prove(self.settings)
 
     def _caught_up(self, arms: list[CameraArmTrack], search: Search) -> Steps[None]:
         """Track arms to the newest image; remove lost ones from the list."""

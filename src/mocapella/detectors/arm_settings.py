@@ -33,7 +33,8 @@ class KinematicArmSettings:
         better: share of the present pose's cost below which another pose replaces it; larger: postures are replaced
             more often [0 to 1].
         look_again_after: number of images in doubt before a hand is searched anew at its position; doubled each time
-            nothing better is found; larger: less work, later corrections [images].
+            nothing better is found; an arm without a good fit yet begins with 3; larger: less work, later corrections
+            [images].
         firm: cost below which a new arm is reported; after several images below it, no replacement is searched; larger:
             arms are reported sooner, also false ones [cost].
         firm_in_blocks: cost below which a new arm is reported where the camera makes things wider; larger: arms are

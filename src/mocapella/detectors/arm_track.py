@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors.arm_finding import SUREST
+from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
 from mocapella.model.hand import Handedness
@@ -35,7 +36,8 @@ class CameraArmTrack:
         velocity: (6 + n,) velocity of the palm, in its frame [m/s, rad/s], and of n free angles [rad/s]; at first 0.
         id: number of the arm; -1 for a candidate that is not tracked yet.
         doubtful: number of successive images with a cost above the setting ``keep``.
-        in_doubt: number of successive images with a doubtful posture, see the setting ``doubt``.
+        proven: whether any fit so far was good; only then is its first pose trusted.
+        in_doubt: number of images with a doubtful posture, see the setting ``doubt``; successive ones once ``proven``.
         firm: counter, 0 to 5: up by 1 for an image with a cost below the setting ``firm``, else down by 1.
         next_digit: index of the digit that is tested next for a better posture.
         wait: value of ``in_doubt`` at which the hand is searched anew.
@@ -52,7 +54,7 @@ class CameraArmTrack:
         self.velocity = np.zeros(6 + len(fitted.pose.z))
         self.drift = np.full(6 + len(fitted.pose.z), _NEW_DRIFT)
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0
-        self.wait, self.sure, self.believed = wait, SUREST, False
+        self.wait, self.sure, self.believed, self.proven = min(wait, _SOON), SUREST, False, False
         self.calm = fitted.cost
         self.region: Region | None = None
         self.unclear = np.zeros(23, np.bool_)
@@ -63,6 +65,27 @@ class CameraArmTrack:
         self.velocity = 0.6 * motion / dt + 0.4 * self.velocity
         self.drift += _DRIFT_GAIN * (motion / _rest_sd(len(motion)) - self.drift)
         self.fitted, self.calm = fitted, min(_CALM_RISES * self.calm, fitted.cost)
+
+    def prove(self, s: KinematicArmSettings) -> None:
+        """Note the arm's first good fit, below a share of the setting ``doubt``; from then on it waits for longer."""
+        if not self.proven and self.fitted.cost < _PROVEN * s.doubt:
+            self.proven, self.wait = True, s.look_again_after
+
+    def count_doubt(self, doubt: bool, s: KinematicArmSettings) -> None:
+        """Count a further image in doubt, or end the doubt; until the arm is proven, only a good fit ends it."""
+        self.prove(s)
+        if doubt:
+            self.in_doubt += 1
+        elif self.proven:
+            self.in_doubt = 0
+
+    def is_due(self, s: KinematicArmSettings) -> bool:
+        """Return whether the hand is to be searched anew; not so soon with a cost of at least the setting ``firm``.
+
+        Such an arm is perhaps none, and about to be lost.
+        """
+        poor = self.fitted.cost >= s.firm
+        return self.in_doubt >= (max(self.wait, s.look_again_after) if poor else self.wait)
 
     def predicted(self, dt: float) -> ArmPose:
         """Extrapolate the pose by ``dt`` [s] at constant velocity, within the joint limits; joint angles by half of it.
@@ -128,6 +151,10 @@ _CALM_RISES: Final = 1.01
 _SIZE_SD: Final = 0.002
 """Standard deviation of relative sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
+_PROVEN: Final = 0.8
+"""Share of the setting ``doubt`` below which a cost proves a new arm's side and posture."""
+_SOON: Final = 3
+"""Images in doubt after which an arm that is not proven is searched anew for the first time."""
 _MAY_CHANGE: Final = 4.0
 """A prediction's standard deviation grows by this factor times the speed, at most by the rate of the settings …"""
 _STILL: Final = 0.1
