@@ -10,9 +10,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # importing typing here would come before Ctrl-C is handled
 if TYPE_CHECKING:
+    from typing import Any
+
     from mocapella.library.live import connect
     from mocapella.library.motion_tracks import MotionTracks
     from mocapella.library.recording import Recording, load

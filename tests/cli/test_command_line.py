@@ -24,12 +24,15 @@ DEFAULTS_DIFFER = {
     "--seeds": "each evaluation keeps the seeds that its document quotes",
     "--methods": "as --seeds",
     "--bodies": "as --seeds",
-    "--space": "a node names its space; an alignment takes the only one",
+    "--space": "a node names its space; an alignment takes the only one; an export is in the world",
+    "--rate": "a source has a rate; an export has the results' own times",
 }
 """Options with more than one default, each with the reason."""
 HELP_DIFFERS = {
     "--folds": "one of the two keeps the models",
     "--out": "a study log is never overwritten",
+    "--rate": "of images that arrive, or of results that are interpolated",
+    "--space": "another tracker's coordinates, or those of an export",
 }
 """Options with more than one meaning, each with the reason."""
 

@@ -208,7 +208,7 @@ def test_the_study_log_comes_out_of_it(runs: Runs) -> None:
     made = result_here(
         runs.undisturbed,
         "export",
-        "csv",
+        "study-log",
         "take.mcap",
         "--out",
         "log.csv",

@@ -42,7 +42,7 @@ def export(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="PATH", help="File or folder to write to. By default beside each take."),
+        typer.Option("--out", metavar="FILE", help="File or folder to write to. By default beside each take."),
     ] = None,
     people: Annotated[
         str | None,
@@ -58,7 +58,7 @@ def export(
     space: Annotated[
         str,
         typer.Option(
-            "--space", metavar="SPACE", help="Coordinates: world, opensim (X forward, Y up) or sensor:NAME (its camera "
+            "--space", metavar="NAME", help="Coordinates: world, opensim (X forward, Y up) or sensor:NAME (its camera "
             "space).",
         ),
     ] = "world",
