@@ -21,6 +21,7 @@ from mocapella.schema.checks import (
     F8,
     MAX_SCENE_BYTES,
     STATES,
+    U1,
     known_topology,
     parse,
     sensor_name,
@@ -83,7 +84,7 @@ def _blocks(
             values = _array([positions[k] for k in rows], F8, 3 * len(kind), "Person.positions_m")
             if (np.abs(values) > SCENE_COORDINATE.high).any():
                 raise WireError("Person.positions_m has a coordinate out of range")
-            own = _array([states[k] for k in rows], np.dtype(np.uint8), len(kind), "Person.joint_states")
+            own = _array([states[k] for k in rows], U1, len(kind), "Person.joint_states")
             if not np.isin(own, np.frombuffer(STATES, np.uint8)).all():
                 raise WireError("Person.joint_states has an unknown state")
             certain = _array([sd[k] for k in rows], F4, len(kind), "Person.joint_sd_m") if with_sd else None
