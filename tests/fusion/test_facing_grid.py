@@ -77,9 +77,9 @@ def test_the_angle_is_near_the_most_likely_yaw(p: np.ndarray, angle: np.ndarray)
     assert abs(wrap(most_likely_angle(p, angle) - most_likely(p))) <= ANGLE_WITHIN + 1e-9
 
 
-@given(st.floats(-np.pi, np.pi), st.floats(-0.4, 0.4), st.floats(0.1, 0.9))
+@given(st.floats(-np.pi, np.pi), st.floats(-0.2, 0.2), st.floats(0.1, 0.9))
 def test_the_side_is_of_one_distribution_and_the_angle_of_the_other(yaw: float, off: float, back: float) -> None:
-    """The angle is as likely forwards as backwards, and the side is known with an error of up to 23°."""
+    """The angle is as likely forwards as backwards, and the side is known with an error of up to 11°."""
     side = np.exp(8 * np.cos(YAWS - yaw - off))
     angle = (1 - back) * np.exp(20 * np.cos(YAWS - yaw)) + back * np.exp(20 * np.cos(YAWS - yaw - np.pi))
     assert wrap(most_likely_angle(side, angle) - yaw) == pytest.approx(0, abs=BIN / 2)

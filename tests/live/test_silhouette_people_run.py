@@ -83,10 +83,14 @@ def test_who_stays_is_followed_meanwhile(passed):
 def test_it_is_said_who_left_and_came(passed):
     run, _, _ = passed
     said = [note.partition(": ")[2] for note in run.notes if note.startswith("frame") and "all limbs" not in note]
-    assert said == [
+    assert said[:2] == [
         "ben is in no camera's image any more; the last place is watched",
         "ben is there again, found in its last posture",
     ]
+    assert set(said[2:]) <= {"ben did not stand out from the room: found in its last posture"}  # a better place
+    pose = run.rows["ben"][-1].pose(MESH.joint_names)
+    off = landmarks_at(MESH, pose) - landmarks_at(MESH, pose_at(MESH, 0.6))
+    assert np.linalg.norm(off, axis=1).mean() < 0.12
     assert run.summary_of("ben")["lost"] > 0
     assert run.summary_of("anna")["lost"] == 0
     assert any("for ben" in note and "ben is outside of its image" in note for note in run.notes)

@@ -26,9 +26,9 @@ YAWS: Final[Float64] = np.arange(BINS, dtype=np.float64) * BIN
 STEP_S: Final = 1 / 29
 """Mean time between a person's random turns in the process model [s]."""
 
-ANGLE_WITHIN: Final = np.pi / 4
-"""Largest difference of the angle from the most likely yaw by all evidence, see `most_likely_angle` [rad]. With 90°,
-walking people of the study whose yaw is ambiguous are turned round more often."""
+ANGLE_WITHIN: Final = np.pi / 6
+"""Largest difference of the angle from the most likely yaw by all evidence, see `most_likely_angle` [rad]. With 45°
+and more, people of the study who were left out of the training are turned round more than once a minute."""
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
 LEAST: Final = 1e-12
