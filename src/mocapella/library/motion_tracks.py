@@ -36,7 +36,7 @@ class MotionTracks(Trajectories):
         Raises:
             SettingsError: the rate is out of range.
         """
-        return MotionTracks.of_file(resampled(self, rate_hz), self.source)
+        return resampled(self, rate_hz)
 
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` in the layout of ``movement``.

@@ -149,7 +149,6 @@ def load(path: Path | str) -> Recording:
     Raises:
         InputError: the file is missing, or of another type; names the types.
         SchemaVersionError: the take was made with another message schema.
-        SettingsError: the library that reads the file is not installed; names the extra.
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from mocapella.model.trajectories import Trajectories
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
+T = TypeVar("T", bound=Trajectories)
 
 LONGEST_GAP_S: Final = 0.1
 """Longest time between two known samples that is interpolated by default, or `LONGEST_GAP_FRAMES` if that is longer
@@ -37,9 +38,7 @@ def usual_rate_hz(trajectories: Trajectories) -> float:
     return whole if abs(rate - whole) <= _ROUND * whole else rate
 
 
-def resampled(
-    trajectories: Trajectories, rate_hz: float | None = None, *, longest_gap_s: float | None = None
-) -> Trajectories:
+def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: float | None = None) -> T:
     """Return the trajectories at a constant rate, from the first frame's time to the last one's, over all runs.
 
     Positions, standard deviations and angles are interpolated linearly between the neighbouring known samples, and

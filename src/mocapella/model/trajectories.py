@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ class Trajectories:
         """(frames, individuals) whether an individual has a known keypoint."""
         return np.any(np.all(np.isfinite(self.positions), axis=3), axis=2)  # type: ignore[no-any-return]
 
-    def of(self, individuals: Sequence[str] | str) -> Trajectories:
+    def of(self, individuals: Sequence[str] | str) -> Self:
         """Return the trajectories of one individual or several, each once, in the given order.
 
         Raises:
@@ -93,13 +93,13 @@ class Trajectories:
                 raise SettingsError(f"no {name!r} among {self.kind}; known: {one_of(name, self.individuals)}")
         return self._take(slice(None), [self.individuals.index(name) for name in names])
 
-    def at(self, frames: Any) -> Trajectories:
+    def at(self, frames: Any) -> Self:
         """Return some frames, by a slice, a boolean mask or indices (frames,); their rate is that of their times."""
         some = self._take(frames, slice(None))
         whole = isinstance(frames, slice) and frames.step in (None, 1)
         return some if whole else replace(some, rate_hz=1.0 / _median_step(some.times_s))
 
-    def moved(self, T_to_world: Float64) -> Trajectories:
+    def moved(self, T_to_world: Float64) -> Self:
         """Return the trajectories in another frame of coordinates.
 
         Args:
@@ -117,7 +117,7 @@ class Trajectories:
             poses=None if self.poses is None else T @ self.poses,
         )
 
-    def _take(self, frames: Any, individuals: Any) -> Trajectories:
+    def _take(self, frames: Any, individuals: Any) -> Self:
         chosen = np.asarray(self.individuals, dtype=object)[individuals]
         return replace(
             self,
