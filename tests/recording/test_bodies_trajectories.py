@@ -57,6 +57,16 @@ def test_a_body_without_a_name_is_loaded(tmp_path: Path) -> None:
     assert "angle" in recording.bodies.to_xarray()
 
 
+def test_a_landmark_that_a_frame_lacks_is_unknown_there(tmp_path: Path) -> None:
+    body = FollowedBody("male", frames(0, 3))
+    del body.frames[1].joints["nose"]
+    (tmp_path / "a.json").write_bytes(msgspec.json.encode(body))
+    found = read_bodies(tmp_path / "a.json")
+    nose = found.keypoints.index("nose")
+    assert found.states[:, 0, nose].tolist() == [2, 0, 2]
+    np.testing.assert_array_equal(np.isnan(found.positions[:, 0, nose, 0]), [False, True, False])
+
+
 def test_other_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("{}")
     with pytest.raises(InputError, match=r"a\.json"):

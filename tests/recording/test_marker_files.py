@@ -176,6 +176,32 @@ def test_a_c3d_of_integers_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.positions, points().positions, atol=1.1e-3)
 
 
+def with_number(data: bytes, name: bytes, *values: int) -> bytes:
+    """The file with other whole numbers as a parameter's values."""
+    at = data.index(name) + len(name) + 3
+    at += 1 + data[at]
+    return data[:at] + struct.pack(f"<{len(values)}h", *values) + data[at + 2 * len(values) :]
+
+
+def test_without_the_frame_numbers_of_long_files_the_header_counts(tmp_path: Path) -> None:
+    data = c3d_bytes(tmp_path)
+    (tmp_path / "b.c3d").write_bytes(with_number(data, b"ACTUAL_START_FIELD", 9, 0))
+    assert len(read_c3d(tmp_path / "b.c3d")) == 3
+
+
+def test_parameters_without_an_end_are_read(tmp_path: Path) -> None:
+    """The last parameter says that another one follows, behind the end of the file."""
+    data = bytearray(c3d_bytes(tmp_path))
+    at = 512 + 4
+    while data[at]:
+        last, length = at, struct.unpack_from("b", data, at)[0]
+        at += 2 + abs(length)
+        at += struct.unpack_from("<h", data, at)[0]
+    struct.pack_into("<h", data, last + 2 + data[last], 30_000)
+    (tmp_path / "b.c3d").write_bytes(bytes(data))
+    assert len(read_c3d(tmp_path / "b.c3d")) == 3
+
+
 @pytest.mark.parametrize(
     ("damage", "why"),
     [
@@ -185,6 +211,9 @@ def test_a_c3d_of_integers_is_read(tmp_path: Path) -> None:
         (lambda data: data[:515] + b"\x07" + data[516:], "processor type 7 is unknown"),
         (lambda data: data.replace(b"mm\0", b"ft\0"), "is an unknown unit"),
         (lambda data: data[: (struct.unpack_from("<H", data, 16)[0] - 1) * 512], "no frames"),
+        (lambda data: with_number(data, b"USED", 0), "no points"),
+        (lambda data: data[:16] + b"\0\0" + data[18:], "no data"),
+        (lambda data: data.replace(b"\x04\x02", b"\xff\xff"), "ends within its parameters"),
     ],
 )
 def test_a_c3d_that_is_none_is_refused_by_name(tmp_path: Path, damage: object, why: str) -> None:

@@ -97,7 +97,7 @@ class Trajectories:
         """Return some frames, by a slice, a boolean mask or indices (frames,); their rate is that of their times."""
         some = self._take(frames, slice(None))
         whole = isinstance(frames, slice) and frames.step in (None, 1)
-        return some if whole else replace(some, rate_hz=1.0 / _median_step(some.times_s))
+        return some if whole else replace(some, rate_hz=1.0 / median_step(some.times_s))
 
     def moved(self, T_to_world: Float64) -> Self:
         """Return the trajectories in another frame of coordinates.
@@ -359,14 +359,14 @@ class TimeAxis:
         frame_of = np.empty(len(times), dtype=np.int64)
         frame_of[order] = np.cumsum(last) - last
         began = int(at_ns.min())
-        rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := _median_step(sensor)) > 0]
+        rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := median_step(sensor)) > 0]
         return TimeAxis(
             (at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, replaced, int(runs.min()),
             max(rates, default=math.nan), began,
         )  # fmt: skip
 
 
-def _median_step(times: Sequence[int] | Float64) -> float:
+def median_step(times: Sequence[int] | Float64) -> float:
     """Return the median step of times, NaN with fewer than two or without a step above 0."""
     steps = np.diff(np.sort(times))
     return float(np.median(steps)) if len(steps) and np.median(steps) > 0 else math.nan

@@ -8,8 +8,8 @@ import numpy as np
 
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.observations import JointState
-from mocapella.model.trajectories import Trajectories
-from mocapella.recording.bodies_file import FollowedBody, read_followed_people
+from mocapella.model.trajectories import Trajectories, median_step
+from mocapella.recording.bodies_file import read_followed_people
 
 
 def read_bodies(path: Path) -> Trajectories:
@@ -40,11 +40,5 @@ def read_bodies(path: Path) -> Trajectories:
             angles[t, i] = [frame.angles.get(name, np.nan) for name in angle_names]
     return Trajectories(
         "bodies", times, np.zeros(len(times), np.int64), tuple(people), keypoints, positions, states,
-        np.full(states.shape, np.nan, np.float32), (), angle_names, angles, poses, _rate_hz(bodies),
+        np.full(states.shape, np.nan, np.float32), (), angle_names, angles, poses, 1.0 / median_step(times),
     )  # fmt: skip
-
-
-def _rate_hz(bodies: list[FollowedBody]) -> float:
-    steps = [np.diff([frame.time_s for frame in body.frames]) for body in bodies]
-    rising = np.concatenate(steps)
-    return 1.0 / float(np.median(rising)) if len(rising) and np.median(rising) > 0 else float("nan")
