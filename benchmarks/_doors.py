@@ -87,7 +87,7 @@ def _messages() -> list[Door]:
     from mocapella.schema.body_frames import decode_body_frame
     from mocapella.schema.delimited import DelimitedReader, delimited
     from mocapella.schema.marker_datagrams import decode_marker_datagram
-    from mocapella.schema.people_columns import PeopleColumns
+    from mocapella.schema.people_columns import people_blocks
     from mocapella.sources import osc
     from mocapella.sources.bridge_messages import read_message
     from mocapella.sources.v4l2_controls import V4l2Controls
@@ -117,9 +117,8 @@ def _messages() -> list[Door]:
     described = struct.pack("=II32siiiiIII", 9, 1, b"gain", 0, 100, 1, 0, 0, 0, 0) + struct.pack("=Ii", 9, 5)
 
     def people(data: bytes) -> object:
-        columns = PeopleColumns()
-        columns.add(0, 0, data)
-        return columns.trajectories()
+        ends = np.array([0, len(data)])
+        return list(people_blocks(0, np.zeros(1, np.int64), data, ends[:1], ends[1:]))
 
     return [
         of_bytes("frames", frames, decode_frame, MUTATIONS, 4.0),

@@ -65,21 +65,51 @@ def test_the_fast_way_is_the_slow_way(
     rows: list[list[tuple[int, str, bool]]], runs: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     take = make(tmp_path_factory.mktemp("takes") / "a.mcap", rows, runs)
-    fast = take_trajectories(take)
-    assert module._people_alone(take, ("people",)) is not None
+    slow = take_trajectories(take)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_people_alone", lambda *_: None)
-        slow = take_trajectories(take)
+        patch.setattr(module, "COMPILED_FROM_SCENES", 0)
+        fast = take_trajectories(take)
+        assert module._people_alone(take, ("people",)) is not None
     assert fast.keys() == slow.keys()
     for kind, some in fast.items():
         equal(some, slow[kind])
 
 
+@pytest.fixture
+def fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have short takes decoded in the way of long ones."""
+    monkeypatch.setattr(module, "COMPILED_FROM_SCENES", 0)
+
+
+@pytest.mark.usefixtures("fast")
 def test_other_parts_are_not_lost(tmp_path: Path) -> None:
     cup = TrackedObject("cup", np.eye(4), np.empty((0, 3)), 2)
     take = make(tmp_path / "a.mcap", [[(1, "", True)]] * 3, objects=(cup,))
     assert set(take_trajectories(take)) == {"people", "objects"}
     equal(take_trajectories(take, ("people",))["people"], take_trajectories(take)["people"])
+
+
+@pytest.mark.usefixtures("fast")
+@pytest.mark.parametrize(
+    "names",
+    [
+        [(1, "anna", True), (2, "anna", False)],
+        [(1, "", True), (2, "person_1", True)],
+        [(k, "", True) for k in range(9)],
+    ],
+)
+def test_people_of_one_scene_are_kept_apart(tmp_path: Path, names: list[tuple[int, str, bool]]) -> None:
+    """Two of one name are told apart in the other way; many are no problem."""
+    take = make(tmp_path / "a.mcap", [names] * 3)
+    people = take_trajectories(take)["people"]
+    assert len(people.individuals) == len(names)
+    assert people.present.all()
+
+
+@pytest.mark.usefixtures("fast")
+def test_more_names_than_the_fast_way_can_tell_apart_are_read(tmp_path: Path) -> None:
+    take = make(tmp_path / "a.mcap", [[(k, f"name {k}", True)] for k in range(300)])
+    assert len(take_trajectories(take)["people"].individuals) == 300
 
 
 @pytest.mark.parametrize(
@@ -93,6 +123,7 @@ def test_other_parts_are_not_lost(tmp_path: Path) -> None:
         lambda one: msgspec.structs.replace(one, states=np.full(JOINTS + 1, 2, np.uint8)),
     ],
 )
+@pytest.mark.usefixtures("fast")
 def test_an_invalid_entry_is_left_out_and_named(tmp_path: Path, broken: Any) -> None:
     writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
     for k in range(6):

@@ -158,7 +158,7 @@ _Layout = tuple[tuple[str, ...], Bones, tuple[str, ...]]
 def _people(scene: Scene) -> Iterator[_Row]:
     joints, bones = scene.topology.joints, scene.topology.bones
     for person in scene.people:
-        yield _Row(person_name(person), joints, bones, person.positions, person.states, person.sd)
+        yield _Row(person_name(person.name, person.id), joints, bones, person.positions, person.states, person.sd)
 
 
 def _views(scene: Scene) -> Iterator[_Row]:
@@ -166,12 +166,14 @@ def _views(scene: Scene) -> Iterator[_Row]:
     for person in scene.people:
         for view in person.views:
             if view.sensor == scene.sensor:  # the views of other sensors are of earlier scenes
-                yield _Row(f"{person_name(person)}@{view.sensor}", joints, bones, view.positions, view.states)
+                yield _Row(
+                    f"{person_name(person.name, person.id)}@{view.sensor}", joints, bones, view.positions, view.states
+                )
 
 
-def person_name(person: Any) -> str:
-    """Return the name of a person's trajectories: the `Person`'s own, or one of its id."""
-    return person.name or f"person_{person.id}"
+def person_name(name: str, number: int) -> str:
+    """Return the name of a person's trajectories: its own, or one of its id ``number``."""
+    return name or f"person_{number}"
 
 
 def _hands(scene: Scene) -> Iterator[_Row]:
@@ -310,7 +312,8 @@ def trajectories_of(
     if not times:
         return {}
     axis = TimeAxis.of(times, by_sensor)
-    found = {kind: assembled(kind, list(_blocks(rows)), axis) for kind, rows in collected.items() if rows}
+    made = {kind: assembled(kind, _blocks(rows), axis) for kind, rows in collected.items()}
+    found = {kind: some for kind, some in made.items() if some is not None}
     if sensor is None:
         return found
     if all(T is None for T in sensor_poses):
@@ -342,14 +345,14 @@ class TimeAxis:
     began_unix_ns: int
 
     @staticmethod
-    def of(times: Sequence[tuple[int, int]], by_sensor: Mapping[tuple[int, str], Sequence[int]]) -> TimeAxis:
+    def of(times: Sequence[tuple[int, int]] | Int64, by_sensor: Mapping[Any, Sequence[int] | Int64]) -> TimeAxis:
         """Return the frames of scenes, in the order of their times; of equal times, the last scene counts.
 
         Args:
-            times: (run, unix_ns) of each scene; at least one.
-            by_sensor: unix_ns of the scenes of each (run, sensor).
+            times: (scenes, 2) run and unix_ns of each scene; at least one.
+            by_sensor: unix_ns of the scenes of each run and sensor.
         """
-        runs, at_ns = np.array(times, dtype=np.int64).T
+        runs, at_ns = np.asarray(times, dtype=np.int64).T
         order = np.argsort(at_ns, kind="stable")
         last = np.ones(len(order), dtype=np.bool_)
         last[:-1] = np.diff(at_ns[order]) != 0
@@ -366,48 +369,108 @@ class TimeAxis:
         )  # fmt: skip
 
 
-def median_step(times: Sequence[int] | Float64) -> float:
+def median_step(times: Sequence[int] | Int64 | Float64) -> float:
     """Return the median step of times, NaN with fewer than two or without a step above 0."""
     steps = np.diff(np.sort(times))
     return float(np.median(steps)) if len(steps) and np.median(steps) > 0 else math.nan
 
 
-def assembled(kind: str, blocks: Sequence[Block], axis: TimeAxis) -> Trajectories:
+_DENSE: Final = ("positions", "states", "sd", "angles", "poses")
+_AT_FIRST: Final = 8
+
+
+class _Dense:
+    """Arrays of individuals with one layout; an individual's frames are together in memory, as are `Trajectories`'.
+
+    Rows that no block has are not written before `finish`, so that growing takes no memory.
+    """
+
+    def __init__(self, frames: int, layout: _Layout, individuals: Sequence[str] = ()) -> None:
+        points, angles = len(layout[0]), len(layout[2])
+        self.layout = layout
+        self.places = {name: i for i, name in enumerate(individuals)}
+        self.known = np.zeros((max(_AT_FIRST, len(individuals)), frames), np.bool_)
+        shapes = {"positions": (points, 3), "states": (points,), "sd": (points,), "angles": (angles,), "poses": (4, 4)}
+        types = {"states": np.uint8, "sd": np.float32}
+        self.arrays: dict[str, NDArray[Any]] = {
+            name: np.empty((*self.known.shape, *shape), types.get(name, np.float64)) for name, shape in shapes.items()
+        }
+
+    def add(self, individual: str, at: Int64, values: Mapping[str, NDArray[Any] | None]) -> None:
+        """Write an individual's values in some frames ``at``; None makes them unknown."""
+        i = self.places.setdefault(individual, len(self.places))
+        if i == len(self.known):
+            self.known = np.concatenate([self.known, np.zeros_like(self.known)])
+            self.arrays = {name: np.concatenate([one, np.empty_like(one)]) for name, one in self.arrays.items()}
+        self.known[i, at] = True
+        for name, some in values.items():
+            self.arrays[name][i, at] = np.nan if some is None else some
+
+    def finish(self) -> None:
+        """Make all unknown that no block had."""
+        self.known = self.known[: len(self.places)]
+        for name, one in self.arrays.items():
+            self.arrays[name] = one[: len(self.places)]
+            one[: len(self.places)][~self.known] = JointState.NOT_TRACKED if name == "states" else np.nan
+
+
+def assembled(kind: str, blocks: Iterable[Block], axis: TimeAxis) -> Trajectories | None:
     """Return the trajectories of one kind; keypoints and angles that only some blocks have are unknown elsewhere.
 
     Args:
         kind: name of the kind.
-        blocks: at least one.
+        blocks: each is needed only until the next one.
         axis: the frames.
+
+    Returns:
+        The trajectories; None without a block.
     """
-    names = {
-        (run, name): f"run{run}_{name}" if run > axis.first_run and _NUMBERED.fullmatch(name) else name
-        for run, name in sorted({(block.run, block.name) for block in blocks})
-    }
-    individuals = tuple(dict.fromkeys(names.values()))
-    layouts = list(dict.fromkeys(block.layout for block in blocks))
+    by_layout: dict[_Layout, _Dense] = {}
+    names: dict[tuple[int, str], str] = {}
+    for block in blocks:
+        numbered = block.run > axis.first_run and _NUMBERED.fullmatch(block.name)
+        name = names[block.run, block.name] = f"run{block.run}_{block.name}" if numbered else block.name
+        dense = by_layout.setdefault(block.layout, _Dense(len(axis.times_s), block.layout))
+        kept: Any = slice(None)
+        if kind != VIEWS and axis.replaced[block.scenes].any():
+            kept = ~axis.replaced[block.scenes]
+        values = {one: getattr(block, one) for one in _DENSE}
+        if not block.layout[2]:
+            del values["angles"]
+        if kind not in _WITH_POSES:
+            del values["poses"]
+        some = {one: None if array is None else array[kept] for one, array in values.items()}
+        dense.add(name, axis.frame_of[block.scenes][kept], some)
+    if not names:
+        return None
+    individuals = tuple(dict.fromkeys(names[key] for key in sorted(names)))
+    parts = list(by_layout.values())
+    for dense in parts:
+        dense.finish()
+    whole = parts[0] if len(parts) == 1 and tuple(parts[0].places) == individuals else _merged(parts, individuals)
+    keypoints, bones, angle_names = whole.layout
+    arrays = {name: np.swapaxes(one, 0, 1) for name, one in whole.arrays.items()}
+    return Trajectories(
+        kind, axis.times_s, axis.runs, individuals, keypoints, arrays["positions"], arrays["states"], arrays["sd"],
+        bones, angle_names, arrays["angles"] if angle_names else np.empty((0, 0, 0)),
+        arrays["poses"] if kind in _WITH_POSES else None, axis.rate_hz, axis.began_unix_ns,
+    )  # fmt: skip
+
+
+def _merged(parts: Sequence[_Dense], individuals: tuple[str, ...]) -> _Dense:
+    """Return the arrays of all layouts together, with individuals in the given order."""
+    layouts = [one.layout for one in parts]
     widest, bones, _ = max(layouts, key=lambda layout: len(layout[0]))
     keypoints = tuple(dict.fromkeys([*widest, *(name for own, _, _ in layouts for name in own)]))
     angle_names = tuple(dict.fromkeys(name for _, _, own in layouts for name in own))
-    shape = (len(axis.times_s), len(individuals))
-    positions = np.full((*shape, len(keypoints), 3), np.nan)
-    states, sd = np.zeros((*shape, len(keypoints)), np.uint8), np.full((*shape, len(keypoints)), np.nan, np.float32)
-    angles = np.full((*shape, len(angle_names)), np.nan) if angle_names else np.empty((0, 0, 0))
-    poses = np.full((*shape, 4, 4), np.nan) if kind in _WITH_POSES else None
-    for block in blocks:
-        i = individuals.index(names[block.run, block.name])
-        kept = ~axis.replaced[block.scenes] | (kind == VIEWS)
-        at = axis.frame_of[block.scenes][kept][:, None]
-        to = np.array([keypoints.index(name) for name in block.layout[0]])[None]
-        positions[at, i, to], states[at, i, to] = block.positions[kept], block.states[kept]
-        if block.sd is not None:
-            sd[at, i, to] = block.sd[kept]
-        if block.angles is not None and block.layout[2]:
-            to = np.array([angle_names.index(name) for name in block.layout[2]])[None]
-            angles[at, i, to] = block.angles[kept]
-        if block.poses is not None and poses is not None:
-            poses[at[:, 0], i] = block.poses[kept]
-    return Trajectories(
-        kind, axis.times_s, axis.runs, individuals, keypoints, positions, states, sd, bones, angle_names, angles, poses,
-        axis.rate_hz, axis.began_unix_ns,
-    )  # fmt: skip
+    out = _Dense(parts[0].known.shape[1], (keypoints, bones, angle_names), individuals)
+    out.finish()
+    for one in parts:
+        points = [keypoints.index(name) for name in one.layout[0]]
+        angles = [angle_names.index(name) for name in one.layout[2]]
+        columns = {"positions": points, "states": points, "sd": points, "angles": angles, "poses": list(range(4))}
+        for name, i in one.places.items():
+            at = np.flatnonzero(one.known[i])
+            for array, columns_of in columns.items():
+                out.arrays[array][out.places[name]][at[:, None], columns_of] = one.arrays[array][i, at]
+    return out

@@ -13,7 +13,8 @@ from pathlib import Path
 from mocapella.errors import DamagedTakeError
 from mocapella.recording import take
 from mocapella.recording.ledger import LedgerRow, NodeLedger
-from mocapella.recording.take_index import FrameRef, TakeIndex
+from mocapella.recording.take_index import TakeIndex
+from mocapella.recording.take_refs import FrameRef
 
 
 @dataclass(frozen=True)

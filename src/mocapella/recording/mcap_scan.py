@@ -12,9 +12,9 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import BytesIO
-from typing import BinaryIO, Final, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar
 
 import msgspec
 from mcap.data_stream import ReadDataStream
@@ -38,6 +38,7 @@ _FIRST_WINDOW: Final = 1 << 12
 _OVERLAP: Final = 64
 _SKIPPED: Final = (Opcode.HEADER, Opcode.SCHEMA, Opcode.ATTACHMENT)
 _KNOWN: Final = (*_SKIPPED, Opcode.METADATA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
+M = TypeVar("M")
 _Record = TypeVar("_Record", Channel, Metadata)
 
 
@@ -88,10 +89,12 @@ class End(msgspec.Struct, frozen=True):
 
 
 Event = MessageRead | MetadataRead | Damage | End
+ReadChunk = Callable[[memoryview, int, dict[int, str]], Iterable[M]]
+"""A function of a chunk's records, their byte offset in the file, and the topic of each channel."""
 
 
-class _MalformedError(Exception):
-    """A record's content does not fit its length."""
+class MalformedError(Exception):
+    """A record's content does not fit its length, or a message's channel is unknown."""
 
 
 class _Tail(msgspec.Struct, frozen=True):
@@ -113,13 +116,14 @@ def data_end(file: BinaryIO, size: int) -> int | None:
     return None if tail is None else tail.data_end
 
 
-def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
+def scan(file: BinaryIO, size: int, name: str, read_chunk: ReadChunk[M] | None = None) -> Iterator[Event | M]:
     """Read an MCAP file from start to end: yield its messages, metadata and damaged sections in order, then an `End`.
 
     Args:
         file: the open file.
         size: number of bytes to read.
         name: the file's name, for errors.
+        read_chunk: what is to be yielded for a chunk, instead of its messages.
 
     Raises:
         InputError: a chunk is compressed, unlike Mocapella's.
@@ -137,12 +141,13 @@ def scan(file: BinaryIO, size: int, name: str) -> Iterator[Event]:
         whole = False
         yield Damage(0, min(size, len(MAGIC)), "the first bytes are not those of an MCAP file")
     topics: dict[int, str] = {}
+    read: ReadChunk[Any] = read_chunk or read_messages
     torn = 0
     while at < end:
         record = _record_at(file, at, end)
         try:
-            events = None if record is None else list(_events(record, at, topics, name))
-        except _MalformedError:
+            events = None if record is None else list(_events(memoryview(record), at, topics, name, read))
+        except MalformedError:
             events = None
         if record is None or events is None:
             found = _next_chunk(file, at + 1, end)
@@ -241,11 +246,13 @@ def _next_chunk(file: BinaryIO, start: int, end: int) -> int | None:
     return None
 
 
-def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
-    """Yield the contents of a record; raise `_MalformedError` if it is inconsistent."""
+def _events(
+    record: memoryview, at: int, topics: dict[int, str], name: str, read_chunk: ReadChunk[Any]
+) -> Iterator[Any]:
+    """Yield the contents of a record; raise `MalformedError` if it is inconsistent."""
     opcode, body = record[0], record[_HEAD.size :]
     if opcode == Opcode.CHUNK:
-        yield from _chunk(body, at, topics, name)
+        yield from _chunk(body, at, topics, name, read_chunk)
     elif opcode == Opcode.METADATA:
         found = _parse(Metadata, body)
         yield MetadataRead(found.name, found.metadata)
@@ -255,15 +262,15 @@ def _events(record: bytes, at: int, topics: dict[int, str], name: str) -> Iterat
     elif opcode == Opcode.MESSAGE_INDEX and (
         len(body) < _INDEX.size or _INDEX.unpack_from(body)[1] != len(body) - _INDEX.size
     ):
-        raise _MalformedError
+        raise MalformedError
 
 
-def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[Event]:
+def _chunk(body: memoryview, at: int, topics: dict[int, str], name: str, read_chunk: ReadChunk[Any]) -> Iterator[Any]:
     """Yield the messages of a chunk whose lengths agree (`_chunk_fits`)."""
     _, _, _, crc, name_length = _CHUNK.unpack_from(body)
     start = _CHUNK.size + name_length + 8
     if name_length:
-        compression = body[_CHUNK.size : start - 8].decode("ascii", "replace")
+        compression = bytes(body[_CHUNK.size : start - 8]).decode("ascii", "replace")
         raise InputError(
             f"the chunk at byte {at} is compressed ({compression}), as Mocapella's are not",
             file=name,
@@ -275,32 +282,58 @@ def _chunk(body: bytes, at: int, topics: dict[int, str], name: str) -> Iterator[
         yield Damage(at, end, "a chunk does not have the checksum that it was written with")
         return
     try:
-        yield from list(_messages(data, at + _HEAD.size + start, topics))
-    except (_MalformedError, struct.error, KeyError):
+        yield from list(read_chunk(data, at + _HEAD.size + start, topics))
+    except (MalformedError, struct.error):
         yield Damage(at, end, "a chunk has a correct checksum and unknown content")
 
 
-def _messages(data: bytes, base: int, topics: dict[int, str]) -> Iterator[MessageRead]:
+def read_messages(data: memoryview, base: int, topics: dict[int, str]) -> Iterator[MessageRead]:
+    """Yield the messages of a chunk, and add its channels to ``topics``.
+
+    Args:
+        data: the chunk's records.
+        base: byte offset of ``data`` in the file.
+        topics: topic of each channel.
+
+    Raises:
+        MalformedError, struct.error: a record does not fit, or a message's channel is unknown.
+    """
     at, length = 0, len(data)
     while at < length:
         opcode, size = _HEAD.unpack_from(data, at)
         body = at + _HEAD.size
+        if opcode == Opcode.CHANNEL:
+            found, at = read_channel(data, at)
+            topics[found.id] = found.topic
+            continue
         at = body + size
         if at > length:
-            raise _MalformedError
+            raise MalformedError
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, body)
+            if channel not in topics or size < _MESSAGE.size:
+                raise MalformedError
             start = body + _MESSAGE.size
-            yield MessageRead(topics[channel], sequence, log_ns, publish_ns, base + start, data[start:at])
-        elif opcode == Opcode.CHANNEL:
-            found = _parse(Channel, data[body:at])
-            topics[found.id] = found.topic
+            yield MessageRead(topics[channel], sequence, log_ns, publish_ns, base + start, bytes(data[start:at]))
 
 
-def _parse(kind: type[_Record], body: bytes) -> _Record:
+def read_channel(data: memoryview, at: int) -> tuple[Channel, int]:
+    """Return the channel that is described at a place, and the place after it.
+
+    Raises:
+        MalformedError, struct.error: the record does not fit.
+    """
+    _, size = _HEAD.unpack_from(data, at)
+    body = at + _HEAD.size
+    if size > len(data) - body:
+        raise MalformedError
+    return _parse(Channel, data[body : body + size]), body + size
+
+
+def _parse(kind: type[_Record], body: memoryview) -> _Record:
     try:
         record = kind.read(ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, UnicodeDecodeError) as error:
-        raise _MalformedError from error
+        raise MalformedError from error
     assert isinstance(record, kind)  # mcap does not annotate what `read` returns
     return record

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import msgspec
+import numpy as np
 from google.protobuf.message import DecodeError
 
 from mocapella.conventions import NS_PER_S
@@ -20,60 +20,28 @@ from mocapella.recording import take
 from mocapella.recording.ledger import LedgerRow, NodeLedger
 from mocapella.recording.mcap_scan import Damage, End, Event, MessageRead, MetadataRead, scan
 from mocapella.recording.take import Interruption, Run
+from mocapella.recording.take_refs import (
+    NODE_ID,
+    PART,
+    RUN,
+    SENSOR,
+    SEQUENCE,
+    STEP,
+    FrameRef,
+    FrameTable,
+    Ref,
+    RowsRead,
+    SceneRef,
+    SceneTable,
+    SensorNames,
+)
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
 
+COMPILED_FROM_BYTES: Final = 64 << 20
+"""Size of a file from which on compiled kernels list its messages; for less, loading them takes longer [bytes]."""
 NAMED_AT_MOST: Final = 5
 """Largest number of scenes that the report of scenes without frames names; the others are only counted."""
-
-
-class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Position of a message in the files of a take, by which it is read on demand.
-
-    Attributes:
-        part: index of the file, from 0.
-        offset, length: position and size of the message's data in the file, in bytes.
-        log_ns: log time of the message, on the server's clock.
-    """
-
-    part: int
-    offset: int
-    length: int
-    log_ns: int
-
-
-class FrameRef(msgspec.Struct, frozen=True, gc=False):
-    """Position of a frame in the files of a take, and the frame's identity.
-
-    Attributes:
-        ref: position of the frame's message.
-        sensor, node_id, sequence: sensor, node and sequence number of the frame.
-    """
-
-    ref: Ref
-    sensor: str
-    node_id: int
-    sequence: int
-
-
-class SceneRef(msgspec.Struct, frozen=True, gc=False):
-    """Position of a scene in the files of a take, and the scene's identity.
-
-    Attributes:
-        ref: position of the scene's message.
-        run: number of the run that made the scene.
-        step: number of the scene in the run.
-        at_ns: capture time of the scene's frame, on the server's clock.
-        sensor, node_id, sequence: identity of the scene's frame.
-    """
-
-    ref: Ref
-    run: int
-    step: int
-    at_ns: int
-    sensor: str
-    node_id: int
-    sequence: int
 
 
 class TakeIndex:
@@ -100,8 +68,8 @@ class TakeIndex:
         self.problems: list[str] = []
         self.runs: list[Run] = []
         self.interruptions: list[Interruption] = []
-        self.frames: list[FrameRef] = []
-        self.scenes: list[SceneRef] = []
+        self._sensors = SensorNames()
+        self.frames, self.scenes = FrameTable(self._sensors), SceneTable(self._sensors)
         self.commands: list[tuple[int, Ref]] = []
         self.others: dict[str, list[Ref]] = {}
         self.nodes: dict[tuple[str, int], NodeLedger] = {}
@@ -109,7 +77,8 @@ class TakeIndex:
         self.first_ns: int | None = None
         self.last_ns = 0
         self.damaged_parts: set[int] = set()
-        self._by_key: dict[tuple[str, int, int], int] = {}
+        self._last_step = -1, 0
+        self._by_key: dict[tuple[str, int, int], FrameRef] = {}
 
     @property
     def seconds(self) -> float:
@@ -123,8 +92,9 @@ class TakeIndex:
 
     def frame_of(self, scene: SceneRef) -> FrameRef | None:
         """Return the frame that the tracker turned into a scene, or None if the take lacks it."""
-        place = self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
-        return None if place is None else self.frames[place]
+        if len(self._by_key) != len(self.frames):
+            self._by_key = {(frame.sensor, frame.node_id, frame.sequence): frame for frame in self.frames}
+        return self._by_key.get((scene.sensor, scene.node_id, scene.sequence))
 
     def add_file(self, path: Path, part: int) -> None:
         """Read one file of the take, and add its messages to the index; ``part`` is the file's index, from 0.
@@ -137,12 +107,17 @@ class TakeIndex:
         """
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            for event in scan(file, size, str(path)):
+            read_chunk = None
+            if size >= COMPILED_FROM_BYTES:
+                from mocapella.recording.chunk_rows import ChunkRows
+
+                read_chunk = ChunkRows()
+            for event in scan(file, size, str(path), read_chunk):
                 self._add(event, part, path)
 
     def find_orphans(self) -> None:
         """Add a problem if the take lacks the frames of some scenes; call it after the last file."""
-        orphans = [scene for scene in self.scenes if self.frame_of(scene) is None]
+        orphans = [self.scenes[place] for place in self._without_frames()]
         if orphans:
             named = [f"run {s.run} step {s.step} ({s.sensor} frame {s.sequence})" for s in orphans[:NAMED_AT_MOST]]
             more = f" and {len(orphans) - len(named)} more" if len(orphans) > len(named) else ""
@@ -150,7 +125,21 @@ class TakeIndex:
                 f"{len(orphans)} scenes were made of frames that are not in the take: {', '.join(named)}{more}"
             )
 
-    def _add(self, event: Event, part: int, path: Path) -> None:
+    def _without_frames(self) -> list[int]:
+        """Return the places of the scenes without a frame."""
+        table = self.scenes.array
+        found = np.zeros(len(table), np.bool_)
+        for (sensor, node), ledger in self.nodes.items():
+            number = np.array([node], np.uint64).view(np.int64)
+            own = np.flatnonzero((table[:, SENSOR] == self._sensors.number(sensor)) & (table[:, NODE_ID] == number))
+            if len(own) and len(ledger):
+                first, last = np.array(ledger.received(), np.uint64).T
+                sequences = table[own, SEQUENCE].view(np.uint64)
+                place = np.searchsorted(first, sequences, side="right") - 1
+                found[own] = (place >= 0) & (sequences <= last[place])
+        return np.flatnonzero(~found).tolist()
+
+    def _add(self, event: Event | RowsRead, part: int, path: Path) -> None:
         if isinstance(event, MessageRead):
             self._add_message(event, part, path)
         elif isinstance(event, MetadataRead):
@@ -161,8 +150,10 @@ class TakeIndex:
                 f"{path.name}: bytes {event.start} to {event.end}, {self.seconds:.2f} s after the beginning: "
                 f"{event.problem}"
             )
-        else:
+        elif isinstance(event, End):
             self._end(event, path)
+        else:
+            self._add_rows(event, part)
 
     def _damage(self, part: int | None = None) -> None:
         self.clean, self.damaged = False, True
@@ -214,14 +205,31 @@ class TakeIndex:
             self._damage()
             self.problems.append(f"{path.name}: the message of {m.topic} at byte {m.offset} is none of ours")
             return
-        self.first_ns = m.log_ns if self.first_ns is None else min(self.first_ns, m.log_ns)
-        self.last_ns = max(self.last_ns, m.log_ns)
+        self._note_times(m.log_ns, m.log_ns)
+
+    def _note_times(self, first_ns: int, last_ns: int) -> None:
+        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
+        self.last_ns = max(self.last_ns, last_ns)
+
+    def _add_rows(self, found: RowsRead, part: int) -> None:
+        run = self._run_number()
+        numbers = np.array([self._sensors.number(name) for name in found.sensors])
+        for table in (found.frames, found.scenes):
+            table[:, PART], table[:, SENSOR] = part, numbers[table[:, SENSOR]]
+        found.scenes[:, RUN] = run
+        identities = found.frames[:, SENSOR : SEQUENCE + 1].view(np.uint64).tolist()
+        new = [self._ledger(self._sensors.names[sensor], node).put_back(number) for sensor, node, number in identities]
+        self.frames.extend(found.frames[np.array(new, np.bool_)])
+        for step in found.scenes[:, STEP].view(np.uint64).tolist():
+            self._note_step(run, step)
+        self.scenes.extend(found.scenes)
+        self.parts.update(found.parts)
+        self._note_times(found.first_ns, found.last_ns)
 
     def _add_frame(self, frame: pb.BodyFrame, ref: Ref) -> None:
         sensor = sys.intern(frame.sensor)
         if self._ledger(sensor, frame.node_id).put_back(frame.sequence):
-            self._by_key[sensor, frame.node_id, frame.sequence] = len(self.frames)
-            self.frames.append(FrameRef(ref, sensor, frame.node_id, frame.sequence))
+            self.frames.append((*_columns(ref), self._sensors.number(sensor), frame.node_id, frame.sequence))
 
     def _ledger(self, sensor: str, node_id: int) -> NodeLedger:
         key = (sensor, node_id)
@@ -238,15 +246,25 @@ class TakeIndex:
                 self.problems.append(str(UnknownEnd(sensor, node_id, ledger.unknown_after)))
 
     def _add_scene(self, scene: pb.Scene, ref: Ref) -> None:
-        run, before = self._run_number(), self.scenes[-1] if self.scenes else None
-        if before is not None and before.run == run and scene.step <= before.step:
-            self.problems.append(f"run {run}: step {scene.step} follows step {before.step}; a new tracker is a new run")
+        run = self._run_number()
+        self._note_step(run, scene.step)
         count_parts(scene, self.parts)
-        key = sys.intern(scene.sensor), scene.node_id, scene.sequence
-        self.scenes.append(SceneRef(ref, run, scene.step, scene.at_ns, *key))
+        identity = self._sensors.number(sys.intern(scene.sensor)), scene.node_id, scene.sequence
+        self.scenes.append((*_columns(ref), *identity, run, scene.step, scene.at_ns))
+
+    def _note_step(self, run: int, step: int) -> None:
+        if self._last_step[0] == run and step <= self._last_step[1]:
+            self.problems.append(
+                f"run {run}: step {step} follows step {self._last_step[1]}; a new tracker is a new run"
+            )
+        self._last_step = run, step
 
     def _run_number(self) -> int:
         return self.runs[-1].number if self.runs else 0
+
+
+def _columns(ref: Ref) -> tuple[int, int, int, int]:
+    return ref.part, ref.offset, ref.length, ref.log_ns
 
 
 def index_take(parts: Sequence[Path]) -> TakeIndex:

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.decoding import decode_json
 from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError, WireError
@@ -23,12 +25,15 @@ from mocapella.recording import disk, take
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.mcap_scan import is_closed
 from mocapella.recording.take import Command, Interruption, NodeFrames, Run, StoredFrame, TakeInfo
-from mocapella.recording.take_index import FrameRef, Ref, SceneRef, TakeIndex, index_take
+from mocapella.recording.take_index import TakeIndex, index_take
+from mocapella.recording.take_refs import LENGTH, OFFSET, PART, FrameRef, Ref, SceneRef
 from mocapella.schema import decode_frame, decode_scene, decode_truth
 
 T = TypeVar("T")
 _FIX = "name a take that is there, such as NAME.mcap"
 MOST_SKIPPED: Final = 100
+_BYTES_AT_ONCE: Final = 1 << 23
+_ManyScenes = tuple[NDArray[np.int64], bytes, NDArray[np.int64], NDArray[np.int64]]
 
 
 class _StoredCommand(msgspec.Struct):
@@ -166,13 +171,28 @@ class Take:
         refs = (scene.ref for scene in self._index.scenes if run in (None, scene.run))
         yield from self._decoded(refs, decode_scene)
 
-    def scene_bytes(self, run: int) -> Iterator[bytes]:
-        """Yield the encoded scenes of one run, not checked, in the order of storage."""
+    @property
+    def scene_table(self) -> NDArray[np.int64]:
+        """Positions and identities of all scenes (scenes, columns) in the order of storage; see `SceneTable`."""
+        return self._index.scenes.array
+
+    def scene_bytes(self, numbers: NDArray[np.int64]) -> Iterator[_ManyScenes]:
+        """Yield the encoded scenes with some rising numbers (n,), many at a time, not checked.
+
+        Each time, their numbers, bytes that have them, and the first byte and the size of each.
+        """
         with ExitStack() as stack:
             files = self._open(stack)
-            for scene in self._index.scenes:
-                if scene.run == run:
-                    yield self._bytes(files, scene.ref)
+            table = self._index.scenes.array[numbers]
+            begin = 0
+            while begin < len(table):
+                part, offset = table[begin, PART], table[begin, OFFSET]
+                near = (table[begin:, PART] == part) & (table[begin:, OFFSET] < offset + _BYTES_AT_ONCE)
+                some = table[begin : begin + (len(near) if near.all() else int(np.argmin(near)))]
+                length = int(some[-1, OFFSET] + some[-1, LENGTH] - offset)
+                data = self._bytes(files, Ref(int(part), int(offset), length, 0))
+                yield numbers[begin : begin + len(some)], data, some[:, OFFSET] - offset, some[:, LENGTH]
+                begin += len(some)
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
         """Yield (log_ns, ground truth) for the frames of a simulated sensor."""

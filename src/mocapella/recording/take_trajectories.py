@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.errors import WireError
 from mocapella.model.scene import Scene
-from mocapella.model.trajectories import PARTS, VIEWS, Trajectories, trajectories_of
+from mocapella.model.trajectories import PARTS, VIEWS, TimeAxis, Trajectories, assembled, trajectories_of
 from mocapella.recording.take_reader import Take
-from mocapella.schema.people_columns import PeopleColumns
+from mocapella.recording.take_refs import AT_NS, RUN, SENSOR
+
+COMPILED_FROM_SCENES: Final = 8192
+"""Number of scenes from which on compiled kernels decode the people; for fewer, loading them takes longer."""
 
 
 def timed_scenes(take: Take) -> Iterator[tuple[int, int, Scene]]:
@@ -60,16 +66,28 @@ def take_trajectories(
 
 
 def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] | None:
-    """Return the people of a take, in the faster way; None if it has other parts, or an entry is invalid."""
-    if "people" not in kinds or not (take.part_counts.keys() & set(kinds)) <= {"people"} or VIEWS in kinds:
+    """Return the people of a long take, in the faster way; None for others, and if an entry is unusual or invalid."""
+    others = (take.part_counts.keys() & set(kinds)) - {"people"}
+    if "people" not in kinds or others or VIEWS in kinds or take.scene_count < COMPILED_FROM_SCENES:
         return None
-    columns = PeopleColumns()
+    from mocapella.schema.people_columns import people_blocks
+
+    table = take.scene_table
+    times = np.column_stack([table[:, RUN], table[:, AT_NS]])
+    by_sensor: dict[tuple[int, int], NDArray[np.int64]] = {}
+    for run in take.runs:
+        own = np.flatnonzero(table[:, RUN] == run.number)
+        times[own, 1] += run.info.started_unix_ns - run.info.started_ns
+        for sensor in np.unique(table[own, SENSOR]).tolist():
+            by_sensor[run.number, sensor] = times[own[table[own, SENSOR] == sensor], 1]
+    blocks = (
+        block
+        for run in take.runs
+        for numbers, data, begins, lengths in take.scene_bytes(np.flatnonzero(table[:, RUN] == run.number))
+        for block in people_blocks(run.number, numbers, data, begins, lengths)
+    )
     try:
-        for run in take.runs:
-            wall_ns = run.info.started_unix_ns - run.info.started_ns
-            for data in take.scene_bytes(run.number):
-                columns.add(run.number, wall_ns, data)
-        people = columns.trajectories()
+        people = assembled("people", blocks, TimeAxis.of(times, by_sensor))
     except WireError:  # the other way names the invalid entry, or leaves it out
         return None
     return {} if people is None else {"people": people}

@@ -169,6 +169,12 @@ def count_parts(message: pb.Scene, counts: Counter[str]) -> None:
 
 
 @cache
+def part_fields() -> dict[str, int]:
+    """Return the number of the field in a scene message of each type of parts that has one, by the type's name."""
+    return {kind.name: pb.Scene.DESCRIPTOR.fields_by_name[kind.field].number for kind in _with_fields()}
+
+
+@cache
 def _fields() -> tuple[tuple[str, str, bool], ...]:
     return tuple((kind.name, kind.field, kind.field in _SINGLE) for kind in _with_fields())
 

@@ -1,0 +1,185 @@
+"""Positions of a take's frames and scenes in its files, in tables that take little memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Int64 = NDArray[np.int64]
+
+PART, OFFSET, LENGTH, LOG_NS, SENSOR, NODE_ID, SEQUENCE, RUN, STEP, AT_NS = range(10)
+"""Columns of a table; one of frames ends before ``RUN``. Node id and sequence number are bits of unsigned numbers."""
+FRAME_COLUMNS: Final = RUN
+SCENE_COLUMNS: Final = AT_NS + 1
+_AT_ONCE: Final = 4096
+_UNSIGNED: Final = (1 << 64) - 1
+
+
+class Ref(msgspec.Struct, frozen=True, gc=False):
+    """Position of a message in the files of a take, by which it is read on demand.
+
+    Attributes:
+        part: index of the file, from 0.
+        offset, length: position and size of the message's data in the file, in bytes.
+        log_ns: log time of the message, on the server's clock.
+    """
+
+    part: int
+    offset: int
+    length: int
+    log_ns: int
+
+
+class FrameRef(msgspec.Struct, frozen=True, gc=False):
+    """Position of a frame in the files of a take, and the frame's identity.
+
+    Attributes:
+        ref: position of the frame's message.
+        sensor, node_id, sequence: sensor, node and sequence number of the frame.
+    """
+
+    ref: Ref
+    sensor: str
+    node_id: int
+    sequence: int
+
+
+class SceneRef(msgspec.Struct, frozen=True, gc=False):
+    """Position of a scene in the files of a take, and the scene's identity.
+
+    Attributes:
+        ref: position of the scene's message.
+        run: number of the run that made the scene.
+        step: number of the scene in the run.
+        at_ns: capture time of the scene's frame, on the server's clock.
+        sensor, node_id, sequence: identity of the scene's frame.
+    """
+
+    ref: Ref
+    run: int
+    step: int
+    at_ns: int
+    sensor: str
+    node_id: int
+    sequence: int
+
+
+class RowsRead(msgspec.Struct, frozen=True):
+    """Frames and scenes that follow each other in a chunk.
+
+    Attributes:
+        frames, scenes: (n, `FRAME_COLUMNS`) and (n, `SCENE_COLUMNS`) in their order; the numbers of part and run are
+            not set, and those of sensors are indices of ``sensors``.
+        sensors: names of sensors.
+        first_ns, last_ns: smallest and largest log time.
+        parts: number of parts of the scenes by the name of their type.
+    """
+
+    frames: Int64
+    scenes: Int64
+    sensors: list[str]
+    first_ns: int
+    last_ns: int
+    parts: dict[str, int]
+
+
+class SensorNames:
+    """Numbers for names of sensors, in the order of their first use."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self._numbers: dict[str, int] = {}
+
+    def number(self, name: str) -> int:
+        """Return the number of a name; a new name gets the next one."""
+        number = self._numbers.setdefault(name, len(self.names))
+        if number == len(self.names):
+            self.names.append(name)
+        return number
+
+
+class _Table:
+    """Rows of whole numbers, which only grow."""
+
+    def __init__(self, columns: int, sensors: SensorNames) -> None:
+        self._columns, self._sensors = columns, sensors
+        self._blocks: list[Int64] = []
+        self._rows: list[Sequence[int]] = []
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, row: Sequence[int]) -> None:
+        """Add a row; unsigned numbers may have all their bits."""
+        self._rows.append(row)
+        self._count += 1
+
+    def extend(self, block: Int64) -> None:
+        """Add rows (n, columns)."""
+        self._join()
+        self._blocks.append(block)
+        self._count += len(block)
+
+    @property
+    def array(self) -> Int64:
+        """All rows (n, columns), read-only."""
+        self._join()
+        if len(self._blocks) != 1:
+            self._blocks = [np.concatenate([np.empty((0, self._columns), np.int64), *self._blocks])]
+        return self._blocks[0]
+
+    def _join(self) -> None:
+        if self._rows:
+            unsigned = np.array([[value & _UNSIGNED for value in row] for row in self._rows], np.uint64)
+            self._blocks.append(unsigned.view(np.int64))
+            self._rows = []
+
+    def _lists(self) -> Iterator[list[int]]:
+        rows = self.array
+        for begin in range(0, len(rows), _AT_ONCE):
+            yield from rows[begin : begin + _AT_ONCE].tolist()
+
+
+class FrameTable(_Table):
+    """Positions and identities of frames, in the order of storage."""
+
+    def __init__(self, sensors: SensorNames) -> None:
+        super().__init__(FRAME_COLUMNS, sensors)
+
+    def __getitem__(self, place: int) -> FrameRef:
+        return self._ref(self.array[place].tolist())
+
+    def __iter__(self) -> Iterator[FrameRef]:
+        return map(self._ref, self._lists())
+
+    def _ref(self, row: list[int]) -> FrameRef:
+        part, offset, length, log_ns, sensor, node_id, sequence = row
+        ref = Ref(part, offset, length, log_ns & _UNSIGNED)
+        return FrameRef(ref, self._sensors.names[sensor], node_id & _UNSIGNED, sequence & _UNSIGNED)
+
+
+class SceneTable(_Table):
+    """Positions and identities of scenes, in the order of storage."""
+
+    def __init__(self, sensors: SensorNames) -> None:
+        super().__init__(SCENE_COLUMNS, sensors)
+
+    def __getitem__(self, place: int) -> SceneRef:
+        return self._ref(self.array[place].tolist())
+
+    def __iter__(self) -> Iterator[SceneRef]:
+        return map(self._ref, self._lists())
+
+    def of_run(self, run: int) -> Iterator[SceneRef]:
+        """Yield the scenes of one run."""
+        return (scene for scene in self if scene.run == run)
+
+    def _ref(self, row: list[int]) -> SceneRef:
+        part, offset, length, log_ns, sensor, node_id, sequence, run, step, at_ns = row
+        ref, name = Ref(part, offset, length, log_ns & _UNSIGNED), self._sensors.names[sensor]
+        return SceneRef(ref, run, step & _UNSIGNED, at_ns, name, node_id & _UNSIGNED, sequence & _UNSIGNED)
