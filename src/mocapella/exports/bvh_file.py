@@ -47,7 +47,8 @@ def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
     rows = np.concatenate([CM_PER_M * motion.root, angles.reshape(len(trajectories), -1)], axis=1)
     lines = ["HIERARCHY", *_joint(skeleton, 0, 0), "MOTION", f"Frames: {len(trajectories)}"]
     lines.append(f"Frame Time: {1.0 / trajectories.rate_hz:.9f}")
-    lines += [" ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
+    row_text = " ".join(["%.6f"] * rows.shape[1])
+    lines += [row_text % tuple(row) for row in rows.tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="")
     known = motion.error_m[np.isfinite(motion.error_m)]
     notes = [f"bones are rigid: joints are {1000 * np.median(known):.0f} mm off in the median, "

@@ -25,6 +25,10 @@ ROWS_AT_ONCE: Final = 4096
 """Number of frames that are turned into rows at a time, so that memory stays small."""
 
 
+_ZSTD_LEVEL: Final = 1
+"""As small as with the default level 3 for these tables, and faster."""
+
+
 class Texts(NamedTuple):
     """A column of texts: a code of each row, and the text of each code."""
 
@@ -66,12 +70,16 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
 
 
 def _labels(trajectories: Trajectories, label: str, runs: Any) -> Texts:
-    known, codes = np.unique(runs, return_inverse=True)
-    values = [trajectories.labels.get(int(run), {}).get(label, "") for run in known]
-    texts = ["" if value == NOT_AVAILABLE else str(value) for value in values]
-    names = tuple(dict.fromkeys(texts)) or ("",)
-    of_run = np.array([names.index(text) for text in texts], dtype=np.int64)
-    return Texts(of_run[codes] if len(codes) else codes, names)
+    """Return the column of a label; its texts are those of all runs, so that parts of a motion have the same ones."""
+    texts = {run: _text(labels.get(label, "")) for run, labels in trajectories.labels.items()}
+    names = tuple(dict.fromkeys(["", *texts.values()]))
+    known, rows = np.unique(runs, return_inverse=True)
+    codes = np.array([names.index(texts.get(run, "")) for run in known.tolist()], dtype=np.int64)
+    return Texts(codes[rows] if len(rows) else rows, names)
+
+
+def _text(value: Any) -> str:
+    return "" if value == NOT_AVAILABLE else str(value)
 
 
 def wide_names(trajectories: Trajectories) -> list[str]:
@@ -166,15 +174,21 @@ def as_pandas(trajectories: Trajectories) -> Any:
 
 
 def write_parquet(trajectories: Trajectories, path: Path) -> None:
-    """Write the long table as Parquet.
+    """Write the long table as Parquet, some frames at a time.
 
     Raises:
         SettingsError: polars is not installed; names the extra.
         OSError: the file cannot be written.
     """
-    frame = as_polars(trajectories)
+    polars = needed("polars")
+
+    def tables(*_: Any) -> Iterator[Any]:
+        for some in _in_steps(trajectories):
+            yield as_polars(some)
+
+    schema = as_polars(trajectories.at(slice(0, 1))).schema
+    source = polars.io.plugins.register_io_source(tables, schema=schema)
     try:
-        with path.open("wb") as file:
-            frame.write_parquet(file)
-    except needed("polars").exceptions.PolarsError as error:  # a full disk, too
+        source.sink_parquet(path, compression="zstd", compression_level=_ZSTD_LEVEL)
+    except polars.exceptions.PolarsError as error:  # a full disk, too
         raise OSError(str(error)) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,6 +25,8 @@ _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...
 )
 """Directions of bones in a T pose by a word in the name of the joint at their end, of the left side."""
 _UP: Final = (0.0, 1.0, 0.0)
+_MOST_FRAMES: Final = 2000
+"""Largest number of frames from which these angles are taken, evenly over all that are whole."""
 _ROUNDS: Final = 4
 """Number of times that the rest pose is brought nearer to the measured angles between bones of one joint."""
 
@@ -98,9 +101,10 @@ def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
         directions = np.where(seen[fullest][:, None], bones[fullest], _UP)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     offsets = np.vstack([np.zeros(3), directions * lengths[:, None]])
-    whole = np.all(seen, axis=1)
-    for _ in range(_ROUNDS if whole.any() else 0):
-        offsets = _adapted(parents, offsets, positions[whole])
+    whole = np.flatnonzero(np.all(seen, axis=1))
+    some = positions[whole[:: max(1, math.ceil(len(whole) / _MOST_FRAMES))]]
+    for _ in range(_ROUNDS if len(some) else 0):
+        offsets = _adapted(parents, offsets, some)
     return RigidSkeleton(tuple(order), tuple(trajectories.keypoints[joint] for joint in order), parents, offsets)
 
 
