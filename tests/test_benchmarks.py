@@ -265,7 +265,8 @@ def test_outlines_by_hand_are_drawn_with_their_holes(silhouettes: Any) -> None:
             "codec",
             "conditions",
         ),
-        *("datagrams", "depth_render", "facing", "line_skeleton", "people", "recording", "segmentation", "stalls"),
+        *("datagrams", "depth_render", "exports", "facing", "line_skeleton", "people", "recording"),
+        *("segmentation", "stalls"),
         *("tracker", "triangulation", "twists"),
     ],
 )

@@ -65,3 +65,6 @@ BVH: Final = _trajectories(
     "bvh", "Animated skeleton for Blender and games: one individual, constant rate, centimetres.", "bvh_file:write_bvh",
     ".bvh", parts=("people", "hands", "arms"), alone=True,
 )  # fmt: skip
+HTML: Final = _trajectories(
+    "html", "A page that plays the motion in 3D in any browser, without a server.", "motion_page:write_page", ".html"
+)

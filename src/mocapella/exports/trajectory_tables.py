@@ -70,7 +70,7 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
 
 
 def _labels(trajectories: Trajectories, label: str, runs: Any) -> Texts:
-    """Return the column of a label; its texts are those of all runs, so that parts of a motion have the same ones."""
+    """Return the column of a label; its texts are of all runs, so that parts of a motion have the same ones."""
     texts = {run: _text(labels.get(label, "")) for run, labels in trajectories.labels.items()}
     names = tuple(dict.fromkeys(["", *texts.values()]))
     known, rows = np.unique(runs, return_inverse=True)

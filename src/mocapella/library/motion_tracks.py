@@ -4,17 +4,47 @@ from __future__ import annotations
 
 import html
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.exports.motion_page import page_of
 from mocapella.exports.needs import needed
 from mocapella.exports.trajectory_arrays import as_dataset
 from mocapella.exports.trajectory_tables import as_pandas, as_polars
 from mocapella.model.observations import JointState
 from mocapella.model.resampling import resampled
 from mocapella.model.trajectories import Trajectories
+
+
+@dataclass(frozen=True, repr=False)
+class MotionView:
+    """A page that plays a motion; a notebook shows it.
+
+    Attributes:
+        page: the page as HTML, which needs no other file.
+        height_px: its height in a notebook [px].
+    """
+
+    page: str
+    height_px: int
+
+    def save(self, path: Path | str) -> None:
+        """Write the page to a file, which any browser opens.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        Path(path).write_text(self.page, encoding="utf-8")
+
+    def __repr__(self) -> str:
+        return "<MotionView: a notebook shows it; .save(path) writes a page>"
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self.height_px}px;border:0"
+        return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{html.escape(self.page)}"></iframe>'
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,6 +125,17 @@ class MotionTracks(Trajectories):
         axes[0].legend(loc="upper right", fontsize="small")
         axes[2].set_xlabel("time [s]")
         return figure
+
+    def show(self, height_px: int = 480) -> MotionView:
+        """Return a view of the motion in 3D for a notebook's cell: drag to turn it, and use the wheel to come nearer.
+
+        Args:
+            height_px: height of the view [px].
+
+        Raises:
+            SettingsError: nothing is known, or the motion is too long for a page.
+        """
+        return MotionView(page_of(self, self.source), height_px)
 
     def __repr__(self) -> str:
         seconds = float(self.times_s[-1] - self.times_s[0]) if len(self) else 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mocapella.errors import InputError, SettingsError
-from mocapella.library.motion_tracks import MotionTracks
+from mocapella.library.motion_tracks import MotionTracks, MotionView
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
 from mocapella.recording.bodies_trajectories import read_bodies
@@ -109,6 +109,16 @@ class Recording:
         if self.take is None:
             return tuple(note for one in self._all.values() for note in one.notes)
         return self.take.problems
+
+    def show(self, height_px: int = 480) -> MotionView:
+        """Return a view in 3D of the first kind of motion that the recording has; see `MotionTracks.show`.
+
+        Raises:
+            SettingsError: it has none, or as in `MotionTracks.show`.
+        """
+        if not self._all:
+            raise SettingsError(f"{self.path.name} has no motion that could be shown")
+        return next(iter(self._all.values())).show(height_px)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the tracker's results one by one, with everything in them; none for a file of trajectories."""

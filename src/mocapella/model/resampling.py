@@ -8,7 +8,6 @@ from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from mocapella.model.trajectories import Trajectories
 from mocapella.settings import check
@@ -133,6 +132,8 @@ class _Between:
         out = np.empty((len(self.to), 4, 4))
         out[:] = np.eye(4)
         out[:, :3, 3] = self.mixed(poses[:, :3, 3])
+        from scipy.spatial.transform import Rotation, Slerp  # it takes most of a second to import
+
         used = np.unique(np.concatenate([self.before, self.after]))
         if len(used) == 1:
             out[:, :3, :3] = poses[used[0], :3, :3]

@@ -26,7 +26,7 @@ _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...
 """Directions of bones in a T pose by a word in the name of the joint at their end, of the left side."""
 _UP: Final = (0.0, 1.0, 0.0)
 _MOST_FRAMES: Final = 2000
-"""Largest number of frames from which these angles are taken, evenly over all that are whole."""
+"""Largest number of frames for these angles, evenly over all that are whole."""
 _ROUNDS: Final = 4
 """Number of times that the rest pose is brought nearer to the measured angles between bones of one joint."""
 

@@ -21,7 +21,7 @@ UNKNOWN, PLAIN, FRAME, SCENE, UNUSUAL = -1, 0, 1, 2, 3
 """Kinds of messages: of a channel that was not described, of other topics, and frames and scenes, which are unusual if
 protobuf has to parse them."""
 KIND, CHANNEL = PART, RUN
-"""Columns of a row that others replace in a table of scenes; the other columns are those of the table."""
+"""Columns of a row that others replace in a table of scenes; the other columns are as in the table."""
 DONE, CHANNEL_NEXT, NEW_SENSOR, FULL, MALFORMED = range(5)
 LONGEST_NAME = 64
 

@@ -123,7 +123,7 @@ def scan(file: BinaryIO, size: int, name: str, read_chunk: ReadChunk[M] | None =
         file: the open file.
         size: number of bytes to read.
         name: the file's name, for errors.
-        read_chunk: what is to be yielded for a chunk, instead of its messages.
+        read_chunk: yields something else for a chunk than its messages.
 
     Raises:
         InputError: a chunk is compressed, unlike Mocapella's.

@@ -20,7 +20,7 @@ _UNSIGNED: Final = (1 << 64) - 1
 
 
 class Ref(msgspec.Struct, frozen=True, gc=False):
-    """Position of a message in the files of a take, by which it is read on demand.
+    """Position of a message in the files of a take, where it is read on demand.
 
     Attributes:
         part: index of the file, from 0.
@@ -73,7 +73,7 @@ class RowsRead(msgspec.Struct, frozen=True):
 
     Attributes:
         frames, scenes: (n, `FRAME_COLUMNS`) and (n, `SCENE_COLUMNS`) in their order; the numbers of part and run are
-            not set, and those of sensors are indices of ``sensors``.
+            not set, and sensors are indices of ``sensors``.
         sensors: names of sensors.
         first_ns, last_ns: smallest and largest log time.
         parts: number of parts of the scenes by the name of their type.

@@ -16,7 +16,7 @@ from mocapella.recording.take_reader import Take
 from mocapella.recording.take_refs import AT_NS, RUN, SENSOR
 
 COMPILED_FROM_SCENES: Final = 8192
-"""Number of scenes from which on compiled kernels decode the people; for fewer, loading them takes longer."""
+"""Least number of scenes whose people compiled kernels decode; for fewer, loading them takes longer."""
 
 
 def timed_scenes(take: Take) -> Iterator[tuple[int, int, Scene]]:

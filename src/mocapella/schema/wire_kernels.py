@@ -21,9 +21,9 @@ UInt8 = NDArray[np.uint8]
 FIELDS = 32
 """Number of the first field that the kernels do not know, in any message."""
 DEPTH = 8
-"""Number of messages within each other from which on the kernels leave a message."""
+"""Least number of messages within each other that the kernels leave."""
 OTHER, VARINT, FIXED64, FIXED32, BYTES, TEXT, MESSAGE = 0, 1, 2, 3, 4, 5, 6
-"""Types of fields: an unknown one, those of the encoding, and from `MESSAGE` on, messages of the type that follows."""
+"""Types of fields: an unknown one, the encoding's, and from `MESSAGE` on, messages of the type that follows."""
 _BITS, _MORE = np.uint64(0x7F), 0x80
 _LARGEST_KEY = np.uint64(0xFFFFFFFF)
 
