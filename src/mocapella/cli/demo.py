@@ -134,10 +134,12 @@ def demo(
         if not no_browser:
             webbrowser.open(url)
 
+    at_once = take is not None or seconds is not None  # neither a take nor the seconds begin without results
     with stop_on_signals() as stop:
         with live_session(
-            served, stop, view_port=page_port, on_url=show, tell_watch_url=False, view_words=show_of.view
-        ) as session:
+            served, stop, view_port=page_port, on_url=show, tell_watch_url=False, view_words=show_of.view,
+            track_at_once=at_once,
+        ) as session:  # fmt: skip
             if take is not None:
                 say(session.server.record_to(take))
             start_together(session, [[*words, "--connect", listen] for words in show_of.nodes])
