@@ -17,6 +17,7 @@ STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinem
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
 DETECTORS = MODEL | STAGES | {"detectors"}
 TRACKER = MODEL | STAGES | {"tracker"}
+LIVE = {"schema", "viewer", "supervision"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
@@ -40,9 +41,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "viewer": MODEL,
     "evaluation": TRACKER | DETECTORS | {"recording", "sources"},
     "studies": TRACKER | {"recording", "schema"},
-    "live": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "supervision"},
-    "cli": TRACKER | DETECTORS | EDGES | {"schema", "viewer", "studies", "evaluation", "live", "supervision"},
-    "library": MODEL | EDGES | {"schema", "supervision"},
+    "live": TRACKER | DETECTORS | EDGES | LIVE,
+    "cli": TRACKER
+    | DETECTORS
+    | EDGES
+    | {"schema", "viewer", "studies", "evaluation", "live", "library", "supervision"},
+    "library": TRACKER | EDGES | {"schema", "supervision", "live"},
     "testing": TRACKER | {"schema", "sources", "wire"},
 }
 """Which rooms a room may import, beside itself; none may import `testing`. `docs/decisions/0001-rooms.md` says why."""

@@ -5,7 +5,8 @@
     recording = mocapella.load("walk-1.mcap")
     recording.people.to_pandas()
 
-`load` opens a recording, `connect` yields the results of a running server. docs/library.md describes both.
+`load` opens a recording, `track` tracks it again, `connect` yields the results of a running server, `calibrate` and
+`triangulate` are of cameras. docs/library.md describes them.
 """
 
 from __future__ import annotations
@@ -14,18 +15,35 @@ TYPE_CHECKING = False  # importing typing here would come before Ctrl-C is handl
 if TYPE_CHECKING:
     from typing import Any
 
+    from mocapella.library.calibration import calibrate
     from mocapella.library.live import connect
     from mocapella.library.motion_tracks import MotionTracks
     from mocapella.library.recording import Recording, load
+    from mocapella.library.tracking import track
+    from mocapella.library.triangulation import TriangulatedPoints, triangulate
 
 __version__ = "0.1.0"
-__all__ = ["MotionTracks", "Recording", "__version__", "connect", "load"]
+__all__ = [
+    "MotionTracks",
+    "Recording",
+    "TriangulatedPoints",
+    "__version__",
+    "calibrate",
+    "connect",
+    "load",
+    "track",
+    "triangulate",
+]
 
 _HOMES = {
-    "Recording": "mocapella.library.recording",
     "MotionTracks": "mocapella.library.motion_tracks",
+    "Recording": "mocapella.library.recording",
+    "TriangulatedPoints": "mocapella.library.triangulation",
+    "calibrate": "mocapella.library.calibration",
     "connect": "mocapella.library.live",
     "load": "mocapella.library.recording",
+    "track": "mocapella.library.tracking",
+    "triangulate": "mocapella.library.triangulation",
 }
 """Module of each name, imported when the name is first used: commands start without them."""
 

@@ -13,8 +13,8 @@ import pytest
 from support.filmed_boards import BOARD, SIZE, film
 
 from mocapella.cli import main
-from mocapella.cli.calibrate import named_inputs
 from mocapella.errors import SettingsError
+from mocapella.library.calibration import named_inputs
 from mocapella.model.board import Board, BoardView
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.sensing import boards
@@ -118,7 +118,7 @@ def test_lenses_of_another_rig_times_and_a_table(
         (["node:a", "--connect", "tcp/127.0.0.1:9"], "no server answers at tls/127.0.0.1:9"),
         (["camera:x"], "write camera:0"),
         (["c0", "--frames", "some"], "write odd, even or FROM:TO:STEP"),
-        (["c0", "c1", "--tolerance-ms", "3"], "has no meaning without --timestamps"),
+        (["c0", "c1", "--tolerance-ms", "3"], "has no meaning without timestamps"),
         (["c0", "c1", "--alone", "c9=c0"], "no such camera; there are c0, c1"),
         (["c0", "c1", "--origin", "77"], "no camera has that frame"),
         (["empty"], "is a folder without images"),

@@ -43,7 +43,7 @@ MOMENTS = [
     ("zenoh", ["node", "bridge"]),
     ("zenoh", ["record", "walk"]),
     ("viser", ["view"]),
-    ("mocapella.cli.recordings", ["replay", "walk"]),
+    ("mocapella.live.recordings", ["replay", "walk"]),
     ("mocapella.cli.recordings", ["export", "csv", "walk"]),
     ("mocapella.live.launch", ["doctor"]),
 ]

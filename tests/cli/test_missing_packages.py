@@ -12,9 +12,9 @@ import pytest
 from support.programs import result_here, run_here
 
 from mocapella import __version__
-from mocapella.cli.recordings import open_recording
 from mocapella.exports.export import EXPORTS, exports_of, left_out
 from mocapella.live.recording_service import packages_of
+from mocapella.live.recordings import open_recording
 from mocapella.model.observations import body_frame
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackerState, UnknownPart

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.take_making import small_take
 
-from mocapella.cli.recordings import LATE_NS, due_times, find_recording, is_take, open_recording
 from mocapella.errors import InputError, SettingsError
+from mocapella.live.recorded_take import LATE_NS, due_times
+from mocapella.live.recordings import find_recording, is_take, open_recording
 from mocapella.model.observations import body_frame
 from mocapella.model.session import Setup
 from mocapella.model.topology import topology

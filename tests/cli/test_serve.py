@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
 from mocapella.cli.live_session import LiveSession, wait_while
-from mocapella.cli.serve import LayoutKeeper, ServeKeys, load_layout_option, settings_of_files
+from mocapella.cli.serve import LayoutKeeper, ServeKeys, load_layout_option
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.camera_rig_file import encode_camera_rig, save_camera_rig
 from mocapella.recording.disk import GIB
+from mocapella.tracker.method_files import settings_of_files
 
 
 def test_a_view_that_ends_by_itself_is_told_of_once_and_ends_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:

@@ -97,3 +97,20 @@ def test_nothing_is_overwritten(made: Path) -> None:
     done = run_here(made, *command("--record", "./walk"))
     assert done.returncode == 1
     assert "walk.mcap" in done.stderr
+
+
+@pytest.mark.slow
+def test_it_is_tracked_again_from_the_videos_or_says_that_one_is_gone(made: Path) -> None:
+    done = run_here(made, "replay", "walk", "--record", "./walk-2")
+    assert done.returncode == 0, done.stderr
+    assert f"{2 * FRAMES + 6} results of {2 * FRAMES + 6} frames in walk-2.mcap" in done.stderr
+    replayed = run_here(made, "replay", "walk-2")
+    assert f"all {2 * FRAMES + 6} results identical to the live run" in replayed.stderr
+    (made / "films").rename(made / "elsewhere")
+    try:
+        done = run_here(made, "replay", "walk", "--record", "./walk-3")
+        assert done.returncode == 1
+        assert "is not there any more" in done.stderr.replace("\n", "")
+        assert not (made / "walk-3.mcap").exists()
+    finally:
+        (made / "elsewhere").rename(made / "films")

@@ -30,6 +30,10 @@ def scenes() -> list[Scene]:
     ]
 
 
+def of_run(run: int, some: list[Scene]) -> list[tuple[int, Scene]]:
+    return [(run, scene) for scene in some]
+
+
 def table(path: Path) -> list[dict[str, Any]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
@@ -38,7 +42,7 @@ def table(path: Path) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("all_points", [False, True])
 def test_every_joint_of_every_arm_is_a_row(tmp_path: Path, all_points: bool) -> None:
     path = tmp_path / "arms.csv"
-    report = write_arm_tracks(scenes(), path, all_points=all_points)
+    report = write_arm_tracks(of_run(0, scenes()), path, all_points=all_points)
     rows = table(path)
     names = ARM_POINTS if all_points else ARM_JOINT_NAMES
     assert (report.scenes, report.with_arms, report.arms) == (3, 2, 2)
@@ -62,12 +66,19 @@ def test_every_joint_of_every_arm_is_a_row(tmp_path: Path, all_points: bool) -> 
 
 def test_every_second_result_alone(tmp_path: Path) -> None:
     path = tmp_path / "arms.csv"
-    report = write_arm_tracks(scenes()[::2], path, every=2)
+    report = write_arm_tracks(of_run(0, scenes()[::2]), path, every=2)
     assert (report.scenes, report.with_arms) == (2, 1)
     assert {row["step"] for row in table(path)} == {"7"}
 
 
 def test_a_file_that_cannot_be_written_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="in a folder that exists"):
-        write_arm_tracks(scenes(), tmp_path / "no" / "arms.csv")
+        write_arm_tracks(of_run(0, scenes()), tmp_path / "no" / "arms.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_rows_have_the_run_and_its_labels(tmp_path: Path) -> None:
+    labels = {0: {"participant": 7, "scenario": "walk"}, 1: {"participant": -9999, "scenario": "steps"}}
+    write_arm_tracks([*of_run(0, scenes()), *of_run(1, scenes())], tmp_path / "a.csv", labels=labels)
+    found = {(row["run"], row["participant"], row["placement"], row["scenario"]) for row in table(tmp_path / "a.csv")}
+    assert found == {("0", "7", "", "walk"), ("1", "", "", "steps")}

@@ -16,7 +16,7 @@ import pytest
 import zenoh
 from support.programs import free_port, wait_until
 
-from mocapella.cli.recordings import open_recording
+from mocapella.live.recordings import open_recording
 from mocapella.live.replay import replay
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.session import Session

@@ -169,10 +169,13 @@ def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pyt
 @given(st.lists(st.tuples(st.integers(0, 2**64 - 1), st.integers(0, 2**64 - 1)), max_size=9), st.integers(0, 9))
 def test_a_table_gives_the_frames_back(rows: list[tuple[int, int]], cut: int) -> None:
     sensors = SensorNames()
-    table, whole = FrameTable(sensors), [(0, k, 5, 6, sensors.number("ab"[k % 2]), *row) for k, row in enumerate(rows)]
+    table, whole = (
+        FrameTable(sensors),
+        [(0, k, 5, 6, sensors.number("ab"[k % 2]), *row, 1, 9) for k, row in enumerate(rows)],
+    )
     for row in whole[:cut]:
         table.append(row)
-    block = np.array([[value % 2**64 for value in row] for row in whole[cut:]], np.uint64).reshape(-1, 7)
+    block = np.array([[value % 2**64 for value in row] for row in whole[cut:]], np.uint64).reshape(-1, 9)
     table.extend(block.view(np.int64))
     assert len(table) == len(rows)
     found = [(one.ref.part, one.ref.offset, one.sensor, one.node_id, one.sequence) for one in table]

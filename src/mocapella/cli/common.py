@@ -212,6 +212,9 @@ def drawable(plot: Path | None) -> Path | None:
 
 Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help=PLOT_HELP, callback=drawable)]
 StudyFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the KinectMultiTrack study logs.")]
+LAYOUT: Final = KeySpec(
+    "Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"
+)
 ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
 FrameChoice = Annotated[
     str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")

@@ -9,8 +9,8 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.cli.recordings import find_recording, is_take
 from mocapella.errors import InputError, SettingsError, one_of
+from mocapella.live.recordings import find_recording, is_take
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.frame_types import frame_type_of
 from mocapella.model.sensor_frame import SensorFrame

@@ -64,8 +64,9 @@ def study_log(
     """
     import os
 
-    from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.cli.recordings import open_take
     from mocapella.errors import TakeExistsError
+    from mocapella.live.recordings import find_recording
     from mocapella.recording.study_export import export_study_log
 
     take = find_recording(take)
@@ -102,15 +103,18 @@ def arms(
 
     Example:  mocapella export arms grab-1 --out grab-1.csv
     """
-    from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.cli.recordings import open_take
     from mocapella.exports.arm_tracks import write_arm_tracks
+    from mocapella.live.recordings import find_recording
+    from mocapella.recording.take_trajectories import labels_of
 
     take = find_recording(take)
     source = open_take(take)
     target = out or take.with_suffix(".arms.csv")
     with working(f"writing {target} …", status=INTERRUPTED):
-        scenes = (scene for run in source.runs for _, scene in source.scenes(run.number))
-        report = write_arm_tracks(scenes, target, every=every, all_points=all_points)
+        scenes = ((run.number, scene) for run in source.runs for _, scene in source.scenes(run.number))
+        labels = labels_of(source)
+        report = write_arm_tracks(scenes, target, every=every, all_points=all_points, labels=labels)
     say(f"{report.rows} rows of {report.with_arms} results with arms in {target}; arms: {report.arms}")
     for problem in source.problems:
         say(f"{take.name}: {problem}")
@@ -131,15 +135,17 @@ def json_lines(
 
     Example:  mocapella export json walk-1 --out walk-1.jsonl
     """
-    from mocapella.cli.recordings import find_recording, open_take
+    from mocapella.cli.recordings import open_take
     from mocapella.exports.scene_lines import write_scene_lines
+    from mocapella.live.recordings import find_recording
+    from mocapella.recording.take_trajectories import labels_of
 
     take = find_recording(take)
     source = open_take(take)
     target = out or take.with_suffix(".jsonl")
     with working(f"writing {target} …", status=INTERRUPTED):
         scenes = ((run.number, log_ns, scene) for run in source.runs for log_ns, scene in source.scenes(run.number))
-        report = write_scene_lines(scenes, target, every=every)
+        report = write_scene_lines(scenes, target, every=every, labels=labels_of(source))
     parts = ", ".join(f"{name} {count}" for name, count in report.parts.items()) or "none"
     say(f"{report.written} lines of {report.scenes} results in {target}; parts: {parts}")
     for problem in source.problems:

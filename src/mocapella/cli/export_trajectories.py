@@ -75,8 +75,8 @@ def export(
 
     Example:  mocapella export trc walk-1 --people person_0
     """
-    from mocapella.cli.recordings import find_recording
     from mocapella.exports.export import EXPORTS
+    from mocapella.live.recordings import find_recording
 
     chosen = EXPORTS.find(str(context.info_name))
     wishes = _Wishes(_names(people), rate, _space(space), raw, force)

@@ -150,7 +150,7 @@ def _fit(gesture: GesturePoints, model: HandModel, start: HandShape, layout: Any
 
 
 def _recorded(path: Path) -> Take:
-    from mocapella.cli.recordings import find_recording, is_take
+    from mocapella.live.recordings import find_recording, is_take
     from mocapella.recording.take_reader import read_take
 
     file = find_recording(path)

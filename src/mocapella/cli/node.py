@@ -142,11 +142,14 @@ def replay(
 
     Example:  mocapella node replay azure_positions.csv.gz --sensor left
     """
-    from mocapella.cli.recordings import open_recording
+    from mocapella.live.recordings import is_take, open_recording
+    from mocapella.live.track_again import Changes
     from mocapella.model.frame_types import HISTORY_FRAMES, frame_type_of
 
     keys = read_keys(ReplayKeys, settings_file, settings)
-    recording = open_recording(file, placement)
+    if placement and is_take(file):
+        raise SettingsError(f"{file} is a take; leave --placement out, which is for study logs")
+    recording = open_recording(file, Changes(placement=placement))
     frames = recording.due_frames(sensor)
     first = next(frames, None)
     whole = frames if first is None else chain((first,), frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -13,13 +14,15 @@ import typer
 
 from mocapella.cli import DAMAGED, INTERRUPTED
 from mocapella.cli.app import RECORDINGS, app
-from mocapella.cli.command_settings import NoKeys, SettingsFile, read_settings, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
 from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_VIEW_PORT,
+    LAYOUT,
+    PLACEMENT_HELP,
+    RIG_HELP,
     BusPort,
     JsonOut,
-    Placement,
     RecordTo,
     View,
     ViewPort,
@@ -38,10 +41,19 @@ from mocapella.cli.common import (
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
-    from mocapella.cli.recordings import ReplayableRecording
+    from mocapella.live.recorded import ReplayableRecording
     from mocapella.live.thread_deaths import StopEvent
+    from mocapella.live.track_again import Changes
 
-_NOT_OF_TAKES: Final = "For study logs and CSV files; a take keeps its own."
+_AS_RECORDED: Final = "A take keeps its own without it."
+
+
+@dataclass(frozen=True)
+class TrackAgainKeys:
+    """Settings of the command `replay`, for ``--set``."""
+
+    layout: Annotated[Path | None, LAYOUT] = None
+    recalibrate: Annotated[bool, KeySpec("Estimate the sensors' poses anew, not from the recorded ones.")] = False
 
 
 @app.command(rich_help_panel=RECORDINGS)
@@ -56,10 +68,15 @@ def replay(
     live: Annotated[
         bool, typer.Option("--live", help="In real time, with the view, through nodes and the bus.")
     ] = False,
-    placement: Placement = None,
-    method: Annotated[str, method_option(_NOT_OF_TAKES)] = "default",
+    placement: Annotated[
+        str | None, typer.Option("--placement", metavar="NAME", help=f"{PLACEMENT_HELP} Of a take: its new label.")
+    ] = None,
+    method: Annotated[str, method_option(_AS_RECORDED)] = "default",
+    rig: Annotated[
+        Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} Of a take: in place of its own.")
+    ] = None,
     settings_file: SettingsFile = None,
-    settings: Annotated[list[str] | None, set_option(NoKeys, method_keys, _NOT_OF_TAKES)] = None,
+    settings: Annotated[list[str] | None, set_option(TrackAgainKeys, method_keys, _AS_RECORDED)] = None,
     json: JsonOut = None,
     port: BusPort = DEFAULT_PORT,
     view_port: ViewPort = DEFAULT_VIEW_PORT,
@@ -68,32 +85,35 @@ def replay(
 ) -> None:
     """Track a recording again: as fast as possible, or in real time with --live.
 
-    The ports, the view and --record go with --live.
+    The ports and the view go with --live. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
 
     A take is tracked with the method, the settings and the commands it was recorded with, and its new results are
-    compared with the recorded ones, to the bit. `mocapella replay walk-1` finds walk-1.mcap, also in the folder takes.
+    compared with the recorded ones, to the bit. With --method, --set, --rig or --placement all its frames are tracked
+    otherwise, and with --record the results become a new take; the recorded one is not changed (docs/takes.md).
 
     Exit status: 1 if results differ; 3 if the take is damaged or was not closed, and what can be read was tracked.
 
     Example:  mocapella replay walk-1 --json -
+
+    Example:  mocapella replay walk-1 --method stand-still --record walk-1-stand-still
     """
-    from mocapella.cli.recordings import open_to_track
+    from mocapella.live.recordings import open_to_track
     from mocapella.live.signals import stop_on_signals
 
-    if record is not None and (not live or len(files) > 1):
-        raise SettingsError("--record wants --live and one file; `mocapella record` records a running server")
+    if record is not None and len(files) > 1:
+        raise SettingsError("--record wants one file, which is tracked again; give one")
     take = None if record is None else record_file(record)
-    named_method = chosen(context, "method", method)
-    _, method_settings = read_settings(NoKeys, settings_file, settings)
+    keys, method_settings = read_settings(TrackAgainKeys, settings_file, settings)
     rows: list[dict[str, Any]] = []
     with stop_on_signals() if live else nullcontext() as stop:
         for file in files:
-            open_it = partial(open_to_track, file, placement, named_method, method_settings)
+            changes = _changes(file, keys, placement, chosen(context, "method", method), (rig, method_settings))
+            open_it = partial(open_to_track, file, changes)
             if stop is None:
-                row = _replay_fast(file, open_it)
+                row = _replay_fast(file, open_it, again=bool(changes) or take is not None, take=take)
             elif not stop.is_set():
                 recording = open_it()
-                row = _replay_live(file, recording, stop, port, view_port if view else None, take)
+                row = _replay_live(recording, changes, stop, (port, view_port if view else None), take)
                 row["damaged"] = recording.damaged
             else:
                 break
@@ -107,15 +127,45 @@ def replay(
         raise typer.Exit(DAMAGED)
 
 
-def _replay_fast(file: Path, open_it: Callable[[], ReplayableRecording]) -> dict[str, Any]:
+def _changes(
+    file: Path, keys: TrackAgainKeys, placement: str | None, method: str | None,
+    rig_and_settings: tuple[Path | None, dict[str, Any]],
+) -> Changes:  # fmt: skip
+    """Return what the options change; a rig is read as the setting of the method, which may be the recorded one."""
+    from mocapella.cli.serve import load_layout_option
+    from mocapella.live.recordings import open_recording
+    from mocapella.live.track_again import Changes
+    from mocapella.settings import merged
+    from mocapella.tracker.method_files import settings_of_files
+
+    rig, settings = rig_and_settings
+    if rig is not None:
+        tracked_with = method or open_recording(file, Changes(placement=placement)).setup.method
+        settings = merged(settings, settings_of_files(tracked_with, {"rig": rig}))
+    layout = None if keys.layout is None else load_layout_option(keys.layout)
+    return Changes(method, settings, placement, layout, keys.recalibrate)
+
+
+def _replay_fast(
+    file: Path, open_it: Callable[[], ReplayableRecording], *, again: bool, take: Path | None
+) -> dict[str, Any]:
+    from mocapella.live.recorded import track_again
+    from mocapella.recording.disk import check_can_record
+
     began = time.perf_counter()
     with working(f"reading {file.name} …", status=INTERRUPTED):
         recording = open_it()
+        if take is not None:
+            check_can_record(take)
+        runs = recording.runs_to_track() if again else []
     read_s = time.perf_counter() - began
     get_ready(recording.setup.method, status=INTERRUPTED)
     began = time.perf_counter() - read_s
     with working(f"tracking {file.name} …", status=INTERRUPTED):
-        replayed = recording.replay(lambda scene: None)
+        if again:
+            replayed = track_again(recording, runs, lambda run, scene: None, take)
+        else:
+            replayed = recording.replay(lambda scene: None)
     took = time.perf_counter() - began
     row = {
         "sensors": list(recording.sensors),
@@ -125,6 +175,13 @@ def _replay_fast(file: Path, open_it: Callable[[], ReplayableRecording]) -> dict
         "times_real_time": round(replayed.seconds / took, 1),
         **replayed.notes,
     }
+    written = replayed.written
+    if written is not None:
+        row["recording"] = {
+            "path": str(written.path), "frames": sum(written.frames.values()), "scenes": written.scenes,
+            "lost": sum(written.lost.values()), "size_bytes": written.size_bytes, "seconds": written.seconds,
+            "problem": written.problem,
+        }  # fmt: skip
     say(
         f"{file.name}: sensors: {len(recording.sensors)}, frames in: {row['frames_in']}, "
         f"{most_of(row)}; "
@@ -140,6 +197,10 @@ def _replay_fast(file: Path, open_it: Callable[[], ReplayableRecording]) -> dict
     say_if_never_tracked(row, f"{file.name}: ")
     if "recorded_scenes" in notes:
         say(f"{file.name}: {_comparison(notes['recorded_scenes'], notes['differing_scenes'])}")
+    if written is not None:
+        say(f"{written.scenes} results of {sum(written.frames.values())} frames in {written.path}")
+    elif again and "clean" in notes:
+        say(f"{file.name}: nothing was written; --record NAME writes a take")
     return row
 
 
@@ -151,24 +212,29 @@ def _comparison(recorded: int, differing: int) -> str:
 
 
 def _replay_live(
-    file: Path, recording: ReplayableRecording, stop: StopEvent, port: int, view_port: int | None, take: Path | None
+    recording: ReplayableRecording, changes: Changes, stop: StopEvent, ports: tuple[int, int | None], take: Path | None
 ) -> dict[str, Any]:
     from mocapella.cli.live_session import finish, live_session, start_together, wait_while
     from mocapella.live.server import ServerSettings
     from mocapella.wire.address import Address
     from mocapella.wire.session_key import session_name
 
+    port, view_port = ports
     settings = ServerSettings(
         listen=str(Address(session_name(), "127.0.0.1", port)),
         setup=recording.setup,
         method_settings=recording.method_settings,
+        layout=changes.layout,
     )
     with live_session(settings, stop, view_port=view_port, track_at_once=True) as session:
         if take is not None:
             say(session.server.record_to(take))
         start_together(
             session,
-            [["replay", str(file), "--sensor", name, "--connect", settings.listen] for name in recording.sensors],
+            [
+                ["replay", str(recording.files[0]), "--sensor", name, "--connect", settings.listen]
+                for name in recording.sensors
+            ],
         )
         wait_while(session, None, until=session.nodes.all_ended)
         return finish(session.server)

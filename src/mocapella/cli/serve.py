@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from mocapella.cli.common import (
     DEFAULT_PORT,
     DEFAULT_TAKES,
     DEFAULT_VIEW_PORT,
+    LAYOUT,
     RIG_HELP,
     SECONDS_HELP,
     SESSION_SECONDS,
@@ -63,12 +64,7 @@ class ServeKeys:
     wait: Annotated[bool, KeySpec("Begin stopped; tracking begins with Start in the view.")] = False
     takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
-    layout: Annotated[
-        Path | None,
-        KeySpec(
-            "Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"
-        ),
-    ] = None
+    layout: Annotated[Path | None, LAYOUT] = None
     save_layout: Annotated[
         Path | None,
         KeySpec("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
@@ -186,6 +182,7 @@ def serve(
         from mocapella.live.server import ServerSettings
         from mocapella.model.session import Setup
         from mocapella.recording.disk import GIB
+        from mocapella.tracker.method_files import settings_of_files
 
         keys, method_settings = read()
         keys.check(method)
@@ -247,37 +244,6 @@ def _is_rig(path: Path) -> bool:
         return is_camera_rig(read_whole(path, fix=""))
     except InputError:
         return False
-
-
-def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:
-    """Read a tracking method's files, such as a camera rig, into settings, which a take stores for its replay.
-
-    Args:
-        method: name of the tracking method.
-        files: one or several paths by the option's name, such as ``rig``; None or empty for options not given.
-
-    Raises:
-        SettingsError: the method does not use such a file; names the methods that do.
-        InputError: a file cannot be used.
-    """
-    from mocapella.registry import load
-    from mocapella.tracker.method import METHODS
-
-    told: dict[str, Any] = {}
-    for option, given in files.items():
-        paths = [given] if isinstance(given, Path) else list(given or ())
-        if not paths:
-            continue
-        readers = METHODS.find(method).files
-        if option not in readers:
-            able = [one.name for one in METHODS.values() if option in one.files]
-            for other in able[:1]:
-                load(METHODS[other].files[option])(paths)  # a fault of the file itself is raised first
-            wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
-            name = f"--{option} {paths[0]}" if option in ("rig", "start") else f"--file {option}={paths[0]}"
-            raise SettingsError(f"{name}: the method {method} wants no such file; {wanted}")
-        told = merged(told, load(readers[option])(paths))
-    return told
 
 
 def _session_of(settings: Sequence[str] | None) -> str | None:

@@ -426,7 +426,7 @@ def learn(run: SilhouetteRun, texts: Sequence[str], rig: CameraRig, shown: Frame
     Raises:
         InputError: an image cannot be read, has another size than the camera's, or is of a camera without a video.
     """
-    from mocapella.cli.calibrate import named_inputs
+    from mocapella.library.calibration import named_inputs
     from mocapella.sources.video import Frames, pictures
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.silhouette_room import IMAGES

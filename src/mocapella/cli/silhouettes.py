@@ -277,7 +277,7 @@ def _started(
 
 def _inputs(sources: Sequence[str] | None, hz: float | None) -> dict[str, str]:
     """Return videos or cameras by name; check the frame rate, too."""
-    from mocapella.cli.calibrate import named_inputs
+    from mocapella.library.calibration import named_inputs
     from mocapella.settings import check
 
     check(hz is None or 0 < hz <= 1000, "--fps", hz, "above 0, at most 1000")

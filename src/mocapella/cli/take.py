@@ -13,6 +13,7 @@ from mocapella.cli.common import JsonOut, TakeArgument, say, write_json
 
 if TYPE_CHECKING:
     from mocapella.recording.take import NodeFrames
+    from mocapella.recording.take_origin import TakeOrigin
     from mocapella.recording.take_reader import Take
 
 
@@ -27,6 +28,8 @@ def info(take: TakeArgument, json: JsonOut = None) -> None:
     found = _open(take)
     row = _row(found)
     _say_row(row)
+    if origin := _origin(found):
+        say(str(origin))
     began_ns = found.runs[0].info.started_ns if found.runs else 0
     intervals = condition_intervals(found.statuses(), began_ns)
     for one in intervals:
@@ -54,7 +57,7 @@ def recover(take: TakeArgument, json: JsonOut = None) -> None:
 
     Example:  mocapella take recover walk-1
     """
-    from mocapella.cli.recordings import find_recording
+    from mocapella.live.recordings import find_recording
     from mocapella.recording.merge import merge_parts
 
     path = find_recording(take)
@@ -79,7 +82,7 @@ def merge(
 
     Example:  mocapella take merge walk-1 spool/front-*.mcap
     """
-    from mocapella.cli.recordings import find_recording
+    from mocapella.live.recordings import find_recording
     from mocapella.recording.merge import merge_frames
 
     path = find_recording(take)
@@ -94,7 +97,7 @@ def merge(
 
 
 def _open(take: Path) -> Take:
-    from mocapella.cli.recordings import find_recording
+    from mocapella.live.recordings import find_recording
     from mocapella.recording.take_reader import read_take
 
     return read_take(find_recording(take))
@@ -108,6 +111,7 @@ def _row(take: Take) -> dict[str, Any]:
         "parts": len(take.parts),
         "take_id": take.take_id,
         "method": take.runs[0].info.method if take.runs else None,
+        "origin": asdict(origin) if (origin := _origin(take)) else None,
         "seconds": round(take.seconds, 3),
         "frames": take.frame_count,
         "scenes": take.scene_count,
@@ -118,6 +122,10 @@ def _row(take: Take) -> dict[str, Any]:
         "problems": list(take.problems),
         "whole": take.clean and not lost and not take.problems,
     }
+
+
+def _origin(take: Take) -> TakeOrigin | None:
+    return take.runs[0].info.origin if take.runs else None
 
 
 def _node_row(node: NodeFrames) -> dict[str, Any]:

@@ -58,33 +58,27 @@ def triangulate(
     """
     import msgspec
 
-    from mocapella.errors import InputError, SettingsError, one_of
-    from mocapella.exports.space_tracks import write_space_tracks
-    from mocapella.fusion.point_tracks import METHODS, TracksSettings, triangulate_tracks
-    from mocapella.model.camera_rig_file import load_camera_rig
-    from mocapella.recording.image_tracks_file import read_image_tracks
+    from mocapella.errors import SettingsError, one_of
+    from mocapella.fusion.point_tracks import METHODS
+    from mocapella.library.triangulation import triangulate as library_triangulate
     from mocapella.settings import check
 
     keys = read_keys(PointsKeys, settings_file, settings)
     check(solver in METHODS, "--solver", solver, f"one of {one_of(solver, METHODS)}")
-    tracks_settings = TracksSettings(solver, keys.sd_px, 4.0, keys.least_confidence, keys.largest_error)
     if out.suffix.lower() not in (".csv", ".trc"):
         raise SettingsError(f"--out {out}: end its name with .csv or .trc")
-    rig = rig or Path("rig.toml")
-    cameras = load_camera_rig(rig)
-    if len(cameras.cameras) < 2:
-        raise InputError(f"has {len(cameras.cameras)} camera", file=rig, fix="give a rig of two cameras or more")
     with working("reading …", status=INTERRUPTED), console.status("reading …") as status:
-        tracks = read_image_tracks(
-            points, order=keys.order, progress=lambda text: status.update(f"reading {text.replace('[', '(')} …")
-        )
-        status.update(f"triangulating {len(tracks.frames)} frames …")
-        space, report = triangulate_tracks(tracks, cameras, tracks_settings)
+        found = library_triangulate(
+            points, rig or Path("rig.toml"), solver=solver, sd_px=keys.sd_px, least_confidence=keys.least_confidence,
+            largest_error_px=keys.largest_error, order=keys.order, fps=fps,
+            progress=lambda text: status.update(f"{text.replace('[', '(')} …"),
+        )  # fmt: skip
         status.update(f"writing {out} …")
-        write_space_tracks(space, out, up=up, hz=fps)
-    for note in tracks.notes:
+        found.save(out, up=up)
+    report = found.report
+    for note in found.notes:
         say(note)
-    write_json(json, {"out": str(out), "method": solver, **msgspec.to_builtins(report), "notes": list(tracks.notes)})
+    write_json(json, {"out": str(out), "method": solver, **msgspec.to_builtins(report), "notes": list(found.notes)})
     if json != "-":
         show(report, Console(highlight=False))
     say(f"{report.counted['seen']} points of {report.frames} frames in {out}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,13 +12,14 @@ import numpy as np
 
 from mocapella.errors import SettingsError
 from mocapella.exports.arm_rows import STATES
+from mocapella.exports.run_labels import LABELS, label_texts
 from mocapella.model.arms import ARM_JOINTS, ARM_POINTS
 from mocapella.model.names import as_cell
 from mocapella.model.scene import Scene, TrackedArm
 
 COLUMNS: Final = (
     "step", "time_s", "arm", "person", "handedness", "gesture", "gesture_sure", "grabbing", "cameras", "joint", "state",
-    "x_m", "y_m", "z_m", "sd_m",
+    "x_m", "y_m", "z_m", "sd_m", "run", *LABELS,
 )  # fmt: skip
 
 
@@ -39,7 +40,12 @@ class ArmTracksReport(msgspec.Struct, frozen=True):
 
 
 def write_arm_tracks(
-    scenes: Iterable[Scene], path: Path, *, every: int = 1, all_points: bool = False
+    scenes: Iterable[tuple[int, Scene]],
+    path: Path,
+    *,
+    every: int = 1,
+    all_points: bool = False,
+    labels: Mapping[int, Mapping[str, Any]] | None = None,
 ) -> ArmTracksReport:
     """Write a CSV with `COLUMNS`: joint positions in the world frame [m], and times since the first scene [s].
 
@@ -48,10 +54,11 @@ def write_arm_tracks(
     complete or not at all.
 
     Args:
-        scenes: scenes in their order.
+        scenes: number of the tracker's run and scene, in their order.
         path: the CSV file; an existing one is replaced.
         every: write each n-th scene, from the first; at least 1.
         all_points: write all 23 `ARM_POINTS` instead of the eight joints `ARM_JOINTS`.
+        labels: labels of each run by its number; None for none.
 
     Raises:
         SettingsError: the file cannot be written.
@@ -63,7 +70,7 @@ def write_arm_tracks(
         with part.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
-            for number, scene in enumerate(scenes):
+            for number, (run, scene) in enumerate(scenes):
                 began_ns = scene.at_ns if began_ns is None else began_ns
                 counts += 1
                 if number % every:
@@ -72,7 +79,8 @@ def write_arm_tracks(
                 for arm in scene.arms:
                     arms.add(arm.id)
                     of_arm = _of_arm(scene, arm, began_ns)
-                    writer.writerows([*of_arm, ARM_POINTS[k], *_of_point(arm, k)] for k in chosen)
+                    of_run = [run, *map(as_cell, label_texts((labels or {}).get(run, {})).values())]
+                    writer.writerows([*of_arm, ARM_POINTS[k], *_of_point(arm, k), *of_run] for k in chosen)
                     rows += len(chosen)
         part.replace(path)
     except OSError as error:

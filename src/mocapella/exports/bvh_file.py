@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mocapella.exports.run_labels import left_out
 from mocapella.geometry.bone_rotations import local_rotations
 from mocapella.model.rest_pose import RigidSkeleton, rigid_motion, skeleton_of
 from mocapella.model.trajectories import Trajectories
@@ -32,7 +33,8 @@ def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
         path: the file.
 
     Returns:
-        Sentences about joints that are held, and about the distance of the rigid skeleton from the measured joints.
+        Sentences about joints that are held, the distance of the rigid skeleton from the measured joints, and labels
+        that change during the take.
 
     Raises:
         SettingsError: the individual has no skeleton, or is never known.
@@ -55,7 +57,7 @@ def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
              f"{1000 * np.percentile(known, 95):.0f} mm at 95 %"]  # fmt: skip
     if motion.held.any():
         notes.append(f"{motion.held.mean():.0%} of the joints are unknown and keep their last position")
-    return notes
+    return notes + left_out(trajectories)
 
 
 def _depth_first(skeleton: RigidSkeleton, joint: int = 0) -> list[int]:

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from mocapella.errors import SettingsError
+from mocapella.exports.run_labels import in_words, label_changes
 from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
@@ -18,10 +19,11 @@ from mocapella.model.trajectories import Trajectories
 MM_PER_M: Final = 1000.0
 LARGEST_RESIDUAL_MM: Final = 255
 MOST_POINTS: Final = 255
+MOST_EVENTS: Final = 255
 _BLOCK: Final = 512
 _KEY: Final = 0x50
 _INTEL: Final = 84
-_GROUPS: Final = ("POINT", "ANALOG", "TRIAL", "SUBJECTS", "MANUFACTURER")
+_GROUPS: Final = ("POINT", "ANALOG", "TRIAL", "SUBJECTS", "MANUFACTURER", "EVENT")
 
 
 def write_c3d(trajectories: Trajectories, path: Path) -> None:
@@ -29,7 +31,8 @@ def write_c3d(trajectories: Trajectories, path: Path) -> None:
 
     A point's residual is its standard deviation in whole millimetres, from 1 to 254; 255 is larger or unknown. As the
     format wants, an inferred point has the residual 0, which marks interpolated points, and an unknown one −1. The name
-    of the individual is in SUBJECTS:NAMES.
+    of the individual is in SUBJECTS:NAMES. Labels of the take's runs are events, one at the first frame and one at each
+    change: EVENT:DESCRIPTIONS has participant, placement and scenario.
 
     Args:
         trajectories: one individual at a constant rate.
@@ -72,7 +75,7 @@ def _head(trajectories: Trajectories, frames: int, points: int) -> bytes:
             _numbers(2, "USED", "h", 0), _numbers(2, "GEN_SCALE", "f", 1.0), _numbers(2, "RATE", "f", 0.0),
             _numbers(3, "ACTUAL_START_FIELD", "H", 1, 0), _numbers(3, "ACTUAL_END_FIELD", "H", low, high),
             _numbers(4, "USED", "h", 1), _texts(4, "NAMES", names),
-            _texts(5, "SOFTWARE", ["Mocapella"]),
+            _texts(5, "SOFTWARE", ["Mocapella"]), *_events(trajectories),
         ]  # fmt: skip
         return b"".join(own) + bytes(2)
 
@@ -83,6 +86,24 @@ def _head(trajectories: Trajectories, frames: int, points: int) -> bytes:
         "<BBHHHHHfHHf", 2, _KEY, points, 0, 1, most, 0, -1.0, data_start, 0, trajectories.rate_hz
     )  # fmt: skip
     return header.ljust(_BLOCK, b"\0") + parameters.ljust(_BLOCK * blocks, b"\0")
+
+
+def _events(trajectories: Trajectories) -> list[bytes]:
+    """Return the parameters of the events at which labels begin or change; only their number if none are given.
+
+    TIMES has minutes and seconds since the first frame.
+    """
+    changes = [(frame, in_words(labels)) for frame, labels in label_changes(trajectories)][:MOST_EVENTS]
+    if not any(text for _, text in changes):
+        return [_numbers(6, "USED", "h", 0)]
+    times = [float(trajectories.times_s[frame] - trajectories.times_s[0]) for frame, _ in changes]
+    minutes = struct.pack(f"<{2 * len(times)}f", *(part for time in times for part in divmod(time, 60.0)))
+    count = len(changes)
+    return [
+        _numbers(6, "USED", "h", count), _texts(6, "CONTEXTS", ["General"] * count),
+        _texts(6, "LABELS", ["Labels"] * count), _texts(6, "DESCRIPTIONS", [_plain(text) for _, text in changes]),
+        _parameter(6, "TIMES", 4, [2, count], minutes),
+    ]  # fmt: skip
 
 
 def _group(number: int, name: str) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from mocapella.errors import SettingsError
+from mocapella.exports.run_labels import label_texts
 from mocapella.model.scene import Scene, UnknownPart
 
 
@@ -30,13 +31,20 @@ class SceneLinesReport(msgspec.Struct, frozen=True):
     unread: dict[str, int]
 
 
-def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, every: int = 1) -> SceneLinesReport:
+def write_scene_lines(
+    scenes: Iterable[tuple[int, int, Scene]],
+    path: Path,
+    *,
+    every: int = 1,
+    labels: Mapping[int, Mapping[str, Any]] | None = None,
+) -> SceneLinesReport:
     """Write the `scene_line` of each scene to a file of JSON lines. The file appears complete or not at all.
 
     Args:
         scenes: (run, log_ns, scene) in their order, the arguments of `scene_line`.
         path: the file; an existing one is replaced.
         every: write each n-th scene, from the first; at least 1.
+        labels: labels of each run by its number; None for none.
 
     Raises:
         SettingsError: the file cannot be written.
@@ -50,7 +58,7 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
                 count += 1
                 if (count - 1) % every:
                     continue
-                file.write(scene_line(run, log_ns, scene) + b"\n")
+                file.write(scene_line(run, log_ns, scene, (labels or {}).get(run)) + b"\n")
                 written += 1
                 for name, some in scene.parts.items():
                     parts[name] += len(some)
@@ -62,20 +70,22 @@ def write_scene_lines(scenes: Iterable[tuple[int, int, Scene]], path: Path, *, e
     return SceneLinesReport(count, written, dict(parts), dict(+unread))
 
 
-def scene_line(run: int, log_ns: int, scene: Scene) -> bytes:
+def scene_line(run: int, log_ns: int, scene: Scene, labels: Mapping[str, Any] | None = None) -> bytes:
     """Return a scene as one line of JSON in UTF-8, without the line break.
 
-    The object has the keys run, log_ns, step, at_ns, sensor, node_id, sequence, topology, state, sensors, and parts:
-    lists by type name. Arrays are lists; NaN and infinities are null. An `UnknownPart` has only its type and its size
-    in bytes.
+    The object has the keys run, labels (participant, placement and scenario, empty where not given), log_ns, step,
+    at_ns, sensor, node_id, sequence, topology, state, sensors, and parts: lists by type name. Arrays are lists; NaN and
+    infinities are null. An `UnknownPart` has only its type and its size in bytes.
 
     Args:
         run: number of the tracker's run that made the scene; a take may have several.
         log_ns: time at which the server stored the scene, on its monotonic clock.
         scene: the scene.
+        labels: labels of the run, as of `label_texts`; None for none.
     """
     row = {
         "run": run,
+        "labels": label_texts(labels or {}),
         "log_ns": log_ns,
         **{name: getattr(scene, name) for name in ("step", "at_ns", "sensor", "node_id", "sequence")},
         "topology": scene.topology.name,

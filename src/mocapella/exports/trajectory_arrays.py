@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 import math
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +12,7 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.exports.needs import needed
+from mocapella.exports.run_labels import LABELS, labels_by_run
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import Trajectories
 from mocapella.settings import check
@@ -23,7 +25,8 @@ def as_dataset(trajectories: Trajectories, source: str = "") -> Any:
 
     Dimensions: time, space, keypoints, individuals. Variables: ``position`` [m], ``confidence`` (1 measured, 0.5
     inferred, 0 unknown), ``sd`` [m], ``state`` (`JointState`), and ``angle`` [rad] with the dimension ``angles`` if
-    there are angles. The coordinate ``run`` has the number of the tracker's run of each time.
+    there are angles. The coordinate ``run`` has the number of the tracker's run of each time, and the attribute
+    ``labels`` has participant, placement and scenario of each run, as JSON by the run's number.
 
     Args:
         trajectories: the trajectories.
@@ -54,6 +57,7 @@ def as_dataset(trajectories: Trajectories, source: str = "") -> Any:
     attributes = {
         "source_software": "mocapella", "source_file": source, "ds_type": "poses", "time_unit": "seconds",
         "space_unit": "m", "kind": trajectories.kind, "began": began(trajectories),
+        "labels": json.dumps(labels_by_run(trajectories)),
     }  # fmt: skip
     steps = np.diff(trajectories.times_s)
     if math.isfinite(trajectories.rate_hz) and np.ptp(steps) < 1e-6:  # movement takes it for that of all frames
@@ -87,7 +91,8 @@ def write_npz(trajectories: Trajectories, path: Path) -> None:
     """Write the arrays as NPZ, which `numpy.load` opens.
 
     Keys are attributes of `Trajectories`: kind, times_s, runs, individuals, keypoints, positions, states, sd, bones,
-    rate_hz and began_unix_ns; angle_names and angles, and poses, for kinds that have them.
+    rate_hz and began_unix_ns; angle_names and angles, and poses, for kinds that have them; and the texts (frames,)
+    participant, placement and scenario, empty where not given.
 
     Raises:
         OSError: the file cannot be written.
@@ -96,6 +101,10 @@ def write_npz(trajectories: Trajectories, path: Path) -> None:
     more: dict[str, Any] = {"angle_names": own.angle_names, "angles": own.angles} if own.angle_names else {}
     if own.poses is not None:
         more["poses"] = own.poses
+    known, of_frame = np.unique(own.runs, return_inverse=True)
+    by_run = labels_by_run(own)
+    for label in LABELS:
+        more[label] = np.array([by_run[run][label] for run in known.tolist()], dtype=np.str_)[of_frame]
     with path.open("wb") as file:
         np.savez_compressed(
             file, kind=own.kind, times_s=own.times_s, runs=own.runs, individuals=np.array(own.individuals),

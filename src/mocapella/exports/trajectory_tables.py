@@ -11,14 +11,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.conventions import NOT_AVAILABLE
 from mocapella.exports.arm_rows import STATES
 from mocapella.exports.needs import needed
+from mocapella.exports.run_labels import LABELS, labels_by_run
 from mocapella.model.names import as_cell
 from mocapella.model.trajectories import Trajectories
 
-LABELS: Final = ("participant", "placement", "scenario")
-"""Columns of a run's labels; missing ones are empty."""
 COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "keypoint", "state", "x_m", "y_m", "z_m", "sd_m")
 """Columns of a long table."""
 ROWS_AT_ONCE: Final = 4096
@@ -71,19 +69,15 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
 
 def _labels(trajectories: Trajectories, label: str, runs: Any) -> Texts:
     """Return the column of a label; its texts are of all runs, so that parts of a motion have the same ones."""
-    texts = {run: _text(labels.get(label, "")) for run, labels in trajectories.labels.items()}
+    texts = {run: labels[label] for run, labels in labels_by_run(trajectories).items()}
     names = tuple(dict.fromkeys(["", *texts.values()]))
     known, rows = np.unique(runs, return_inverse=True)
     codes = np.array([names.index(texts.get(run, "")) for run in known.tolist()], dtype=np.int64)
     return Texts(codes[rows] if len(rows) else rows, names)
 
 
-def _text(value: Any) -> str:
-    return "" if value == NOT_AVAILABLE else str(value)
-
-
 def wide_names(trajectories: Trajectories) -> list[str]:
-    """Return the columns of a wide table after ``time_s`` and ``run``: individual, keypoint and axis with dots.
+    """Return the columns of a wide table after time, run and labels: individual, keypoint and axis with dots.
 
     Each keypoint has ``….x_m``, ``….y_m``, ``….z_m`` and ``….state``.
     """
@@ -117,13 +111,14 @@ def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", "run", *map(as_cell, wide_names(trajectories))])
+        writer.writerow(["time_s", "run", *LABELS, *map(as_cell, wide_names(trajectories))])
+        by_run = {run: list(map(as_cell, own.values())) for run, own in labels_by_run(trajectories).items()}
         for some in _in_steps(trajectories):
             cells = np.empty((len(some), len(some.individuals), len(some.keypoints), 4), dtype=object)
             cells[..., :3] = np.reshape(_decimals(some.positions.ravel(), 5), some.positions.shape)
             cells[..., 3] = np.asarray(STATES, dtype=object)[some.states]
             columns = zip(_decimals(some.times_s, 6), some.runs.tolist(), cells.reshape(len(some), -1), strict=True)
-            writer.writerows([time, run, *row] for time, run, row in columns)
+            writer.writerows([time, run, *by_run[run], *row] for time, run, row in columns)
 
 
 def _cells(name: str, column: Any) -> list[Any]:

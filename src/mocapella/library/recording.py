@@ -10,6 +10,8 @@ from typing import Any, Final
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.library.motion_tracks import MotionTracks, MotionView
+from mocapella.library.study_views import read_study_views
+from mocapella.library.tracked_scenes import TrackedScenes
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
 from mocapella.recording.bodies_trajectories import read_bodies
@@ -23,8 +25,10 @@ READERS: Final[Mapping[str, Callable[[Path], Trajectories]]] = {
     ".trc": read_trc,
     ".c3d": read_c3d,
     ".json": read_bodies,
+    ".csv": read_study_views,
+    ".gz": read_study_views,
 }
-"""Readers of files with trajectories of one kind, by suffix."""
+"""Readers of files with trajectories of one kind, by suffix; .csv and .csv.gz are study logs."""
 
 
 class Recording:
@@ -35,9 +39,18 @@ class Recording:
         take: the take, for its raw content; None for a file of another type.
     """
 
-    def __init__(self, path: Path, take: Take | None, found: Mapping[str, Trajectories] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        take: Take | None,
+        found: Mapping[str, Trajectories] | None = None,
+        *,
+        tracked: TrackedScenes | None = None,
+        has_frames: bool = False,
+    ) -> None:
         self.path, self.take = path, take
-        self._given = found
+        self._given, self._tracked = found or {}, tracked
+        self._has_frames = has_frames
 
     @property
     def people(self) -> MotionTracks | None:
@@ -72,7 +85,7 @@ class Recording:
     @cached_property
     def views(self) -> MotionTracks | None:
         """Each sensor's own skeletons in the world, such as ``person_1@front``; None if the recording has none."""
-        found = {} if self.take is None else take_trajectories(self.take, (VIEWS,))
+        found = self._trajectories((VIEWS,))
         return MotionTracks.of_file(found[VIEWS], str(self.path)) if found else None
 
     def seen_from(self, sensor: str, kinds: Sequence[str] = tuple(PARTS)) -> dict[str, MotionTracks]:
@@ -81,33 +94,50 @@ class Recording:
         Raises:
             SettingsError: the recording is no take, or no result has a pose of the sensor; lists the sensors.
         """
-        if self.take is None:
+        if self.take is None and self._tracked is None:
             raise SettingsError(f"{self.path.name} has no sensors: only a take has")
-        found = take_trajectories(self.take, kinds, sensor=sensor)
+        found = self._trajectories(kinds, sensor=sensor)
         return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether the file has the sensors' raw frames, which `mocapella.track` tracks again."""
+        return self.take is not None or self._has_frames
 
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors with frames in the recording; none for a file of trajectories."""
+        if self._tracked is not None:
+            return self._tracked.sensors
         return () if self.take is None else self.take.sensors
 
     @property
     def seconds(self) -> float:
         """Duration of the recording [s]."""
+        if self._tracked is not None:
+            return self._tracked.seconds
         if self.take is not None:
             return self.take.seconds
-        return max((float(one.times_s[-1] - one.times_s[0]) for one in self._all.values()), default=0.0)
+        return max((float(one.times_s[-1] - one.times_s[0]) for one in self._given.values()), default=0.0)
 
     @property
     def labels(self) -> dict[int, dict[str, Any]]:
         """Participant, placement, scenario and method of each run of a take, by the run's number."""
-        return {} if self.take is None else labels_of(self.take)
+        if self.take is not None:
+            return labels_of(self.take)
+        labels = self._tracked.labels if self._tracked is not None else self._given_labels()
+        return {run: dict(own) for run, own in labels.items()}
+
+    def _given_labels(self) -> Mapping[int, Mapping[str, Any]]:
+        return next((one.labels for one in self._given.values()), {})
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Faults of the file, a line each; what could be read is there."""
+        if self._tracked is not None:
+            return self._tracked.problems
         if self.take is None:
-            return tuple(note for one in self._all.values() for note in one.notes)
+            return tuple(note for one in self._given.values() for note in one.notes)
         return self.take.problems
 
     def show(self, height_px: int = 480) -> MotionView:
@@ -122,22 +152,32 @@ class Recording:
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the tracker's results one by one, with everything in them; none for a file of trajectories."""
-        if self.take is not None:
+        if self._tracked is not None:
+            yield from self._tracked.scenes()
+        elif self.take is not None:
             yield from (scene for _, _, scene in timed_scenes(self.take))
 
     @cached_property
     def _all(self) -> dict[str, MotionTracks]:
-        found = self._given
-        if found is None:
-            assert self.take is not None
-            found = take_trajectories(self.take)
+        found = self._trajectories(tuple(PARTS))
         return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
+
+    def _trajectories(self, kinds: Sequence[str], *, sensor: str | None = None) -> dict[str, Trajectories]:
+        if self._tracked is not None:
+            return self._tracked.trajectories(kinds, sensor=sensor)
+        if self.take is not None:
+            return take_trajectories(self.take, kinds, sensor=sensor)
+        return {kind: some for kind, some in self._given.items() if kind in kinds}
+
+    def _shown(self) -> dict[str, MotionTracks]:
+        views = self.views if VIEWS in self._given else None
+        return self._all if views is None else {**self._all, VIEWS: views}
 
     def __repr__(self) -> str:
         lines = [f"<Recording {self.path.name}: {self.seconds:.1f} s"]
         if self.sensors:
             lines[0] += f", sensors: {', '.join(self.sensors)}"
-        lines += [f"  .{kind}: {some!r}" for kind, some in self._all.items()]
+        lines += [f"  .{kind}: {some!r}" for kind, some in self._shown().items()]
         lines += [f"  problem: {problem}" for problem in self.problems]
         return "\n".join(lines) + ">"
 
@@ -146,13 +186,13 @@ class Recording:
             f", sensors: {', '.join(self.sensors)}" if self.sensors else ""
         )
         problems = "".join(f"<li>{html.escape(problem)}</li>" for problem in self.problems)
-        return f"<p><b>{html.escape(about)}</b></p>{''.join(one._repr_html_() for one in self._all.values())}" + (
+        return f"<p><b>{html.escape(about)}</b></p>{''.join(one._repr_html_() for one in self._shown().values())}" + (
             f"<ul>{problems}</ul>" if problems else ""
         )
 
 
 def load(path: Path | str) -> Recording:
-    """Open a recording: a take (.mcap), a result of silhouette tracking (.json), or points as .trc or .c3d.
+    """Open a recording: a take (.mcap), a study log (.csv), a result of silhouette tracking (.json), .trc or .c3d.
 
     What is damaged in a take is left out, and named in `Recording.problems`.
 
@@ -164,7 +204,7 @@ def load(path: Path | str) -> Recording:
     suffix = path.suffix.lower()
     if suffix in READERS:
         found = READERS[suffix](path)
-        return Recording(path, None, {found.kind: found})
+        return Recording(path, None, {found.kind: found}, has_frames=found.kind == VIEWS)
     if suffix != SUFFIX and path.with_name(path.name + SUFFIX).is_file():
         path = path.with_name(path.name + SUFFIX)
     elif suffix != SUFFIX and not path.exists():

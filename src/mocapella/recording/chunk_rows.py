@@ -35,7 +35,10 @@ Int64 = NDArray[np.int64]
 _MOST_NAMES: Final = 64
 _ROWS_AT_FIRST: Final = 1024
 _KINDS: Final = (pb.BodyFrame, pb.Scene)
-_FIELDS: Final = ("sensor", "node_id", "sequence", "step", "at_ns", "parts")
+_FIELDS: Final = (
+    ("sensor", "node_id", "sequence", "time_ns", "", ""),
+    ("sensor", "node_id", "sequence", "step", "at_ns", "parts"),
+)
 
 
 class ChunkRows:
@@ -43,7 +46,9 @@ class ChunkRows:
 
     def __init__(self) -> None:
         self._shapes = shapes_of(*_KINDS)
-        self._wanted = np.array([[_number(kind, name) for name in _FIELDS] for kind in _KINDS])
+        self._wanted = np.array(
+            [[_number(kind, name) for name in names] for kind, names in zip(_KINDS, _FIELDS, strict=True)]
+        )
         self._names = np.zeros((_MOST_NAMES, LONGEST_NAME), np.uint8)
         self._sizes = np.zeros(_MOST_NAMES, np.int64)
         self._sensors: list[str] = []

@@ -18,6 +18,7 @@ from mocapella.decoding import convert, decode_json
 from mocapella.errors import DamagedTakeError, InputError, SchemaVersionError
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup, UnknownEnd
+from mocapella.recording.take_origin import TakeOrigin
 from mocapella.schema import SCHEMA_VERSION
 
 RUNS: Final = "/runs"
@@ -50,6 +51,7 @@ class TakeInfo:
         packages: package with its version, by each plug-in that the run may have used, such as ``tracking method
             heat``; empty in older takes.
         take_id: random identity of the take, the same in all its runs and parts; empty in older takes.
+        origin: recording whose raw frames were tracked again; None if the take was recorded live.
     """
 
     setup: Setup
@@ -60,6 +62,7 @@ class TakeInfo:
     schema_version: int = SCHEMA_VERSION
     packages: dict[str, str] = field(default_factory=dict)
     take_id: str = ""
+    origin: TakeOrigin | None = None
 
     @property
     def method(self) -> str:
@@ -95,6 +98,12 @@ class Command:
     before_step: int
     log_ns: int
     values: dict[str, Any]
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments by name; none if they are no JSON object."""
+        found = self.values.get("arguments")
+        return found if isinstance(found, dict) else {}
 
 
 class StoredFrame(msgspec.Struct, frozen=True, eq=False):

@@ -215,8 +215,7 @@ class TakeIndex:
         run = self._run_number()
         numbers = np.array([self._sensors.number(name) for name in found.sensors])
         for table in (found.frames, found.scenes):
-            table[:, PART], table[:, SENSOR] = part, numbers[table[:, SENSOR]]
-        found.scenes[:, RUN] = run
+            table[:, PART], table[:, RUN], table[:, SENSOR] = part, run, numbers[table[:, SENSOR]]
         identities = found.frames[:, SENSOR : SEQUENCE + 1].view(np.uint64).tolist()
         new = [self._ledger(self._sensors.names[sensor], node).put_back(number) for sensor, node, number in identities]
         self.frames.extend(found.frames[np.array(new, np.bool_)])
@@ -229,7 +228,8 @@ class TakeIndex:
     def _add_frame(self, frame: pb.BodyFrame, ref: Ref) -> None:
         sensor = sys.intern(frame.sensor)
         if self._ledger(sensor, frame.node_id).put_back(frame.sequence):
-            self.frames.append((*_columns(ref), self._sensors.number(sensor), frame.node_id, frame.sequence))
+            identity = self._sensors.number(sensor), frame.node_id, frame.sequence
+            self.frames.append((*_columns(ref), *identity, self._run_number(), frame.time_ns))
 
     def _ledger(self, sensor: str, node_id: int) -> NodeLedger:
         key = (sensor, node_id)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar
+from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -24,6 +24,7 @@ from mocapella.model.truth import Truth
 from mocapella.recording import disk, take
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.mcap_scan import is_closed
+from mocapella.recording.raw_order import raw_order
 from mocapella.recording.take import Command, Interruption, NodeFrames, Run, StoredFrame, TakeInfo
 from mocapella.recording.take_index import TakeIndex, index_take
 from mocapella.recording.take_refs import LENGTH, OFFSET, PART, FrameRef, Ref, SceneRef
@@ -47,6 +48,13 @@ def _decode_command(data: bytes) -> _StoredCommand:
 
 def _decode_values(data: bytes) -> dict[str, Any]:
     return decode_json(data, dict[str, Any])
+
+
+class RawFrame(NamedTuple):
+    """A frame to track, as stored, with its capture time ``at_ns`` on the server's clock."""
+
+    stored: StoredFrame
+    at_ns: int
 
 
 class Take:
@@ -176,7 +184,7 @@ class Take:
         """Positions and identities of all scenes (scenes, columns) in the order of storage; see `SceneTable`."""
         return self._index.scenes.array
 
-    def scene_bytes(self, numbers: NDArray[np.int64]) -> Iterator[_ManyScenes]:
+    def scene_blocks(self, numbers: NDArray[np.int64]) -> Iterator[_ManyScenes]:
         """Yield the encoded scenes with some rising numbers (n,), many at a time, not checked.
 
         Each time, their numbers, bytes that have them, and the first byte and the size of each.
@@ -268,6 +276,17 @@ class Take:
                     yield waiting.pop()
                 yield from self._arrivals(files, scene)
         yield from reversed(waiting)
+
+    def raw_run(self, run: int) -> Iterator[Command | RawFrame]:
+        """Yield all frames and commands of one run in the order of `raw_order`, also frames that were not tracked."""
+        with ExitStack() as stack:
+            files = self._open(stack)
+            for event in raw_order(self._index, run, list(self.commands(run))):
+                if isinstance(event, Command):
+                    yield event
+                else:
+                    for stored in self._if_valid(partial(self._stored, files, event.frame)):
+                        yield RawFrame(stored, event.at_ns)
 
     def _arrivals(self, files: list[BinaryIO], scene: SceneRef) -> Iterator[Arrival]:
         frame = self._index.frame_of(scene)

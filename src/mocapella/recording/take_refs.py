@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 Int64 = NDArray[np.int64]
 
 PART, OFFSET, LENGTH, LOG_NS, SENSOR, NODE_ID, SEQUENCE, RUN, STEP, AT_NS = range(10)
-"""Columns of a table; one of frames ends before ``RUN``. Node id and sequence number are bits of unsigned numbers."""
-FRAME_COLUMNS: Final = RUN
+"""Columns of a table of scenes. Node id, sequence number and step are bits of unsigned numbers."""
+TIME_NS: Final = STEP
+"""Last column of a table of frames, which has no step."""
+FRAME_COLUMNS: Final = TIME_NS + 1
 SCENE_COLUMNS: Final = AT_NS + 1
 _AT_ONCE: Final = 4096
 _UNSIGNED: Final = (1 << 64) - 1
@@ -40,12 +42,16 @@ class FrameRef(msgspec.Struct, frozen=True, gc=False):
     Attributes:
         ref: position of the frame's message.
         sensor, node_id, sequence: sensor, node and sequence number of the frame.
+        time_ns: capture time, on the sensor's own clock.
+        run: number of the run during the frame's storage.
     """
 
     ref: Ref
     sensor: str
     node_id: int
     sequence: int
+    time_ns: int
+    run: int
 
 
 class SceneRef(msgspec.Struct, frozen=True, gc=False):
@@ -158,9 +164,9 @@ class FrameTable(_Table):
         return map(self._ref, self._lists())
 
     def _ref(self, row: list[int]) -> FrameRef:
-        part, offset, length, log_ns, sensor, node_id, sequence = row
-        ref = Ref(part, offset, length, log_ns & _UNSIGNED)
-        return FrameRef(ref, self._sensors.names[sensor], node_id & _UNSIGNED, sequence & _UNSIGNED)
+        part, offset, length, log_ns, sensor, node_id, sequence, run, time_ns = row
+        ref, name = Ref(part, offset, length, log_ns & _UNSIGNED), self._sensors.names[sensor]
+        return FrameRef(ref, name, node_id & _UNSIGNED, sequence & _UNSIGNED, time_ns, run)
 
 
 class SceneTable(_Table):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import WireError
 from mocapella.model.scene import Scene
+from mocapella.model.session import Setup
 from mocapella.model.trajectories import PARTS, VIEWS, TimeAxis, Trajectories, assembled, trajectories_of
 from mocapella.recording.take_reader import Take
 from mocapella.recording.take_refs import AT_NS, RUN, SENSOR
@@ -33,14 +34,16 @@ def timed_scenes(take: Take) -> Iterator[tuple[int, int, Scene]]:
 
 def labels_of(take: Take) -> dict[int, dict[str, Any]]:
     """Return participant, placement, scenario and method of each run, by the run's number."""
+    return {run.number: labels_of_setup(run.info.setup) for run in take.runs}
+
+
+def labels_of_setup(setup: Setup) -> dict[str, Any]:
+    """Return participant, placement, scenario and method of a setup."""
     return {
-        run.number: {
-            "participant": run.info.setup.participant,
-            "placement": run.info.setup.placement,
-            "scenario": run.info.setup.scenario,
-            "method": run.info.method,
-        }
-        for run in take.runs
+        "participant": setup.participant,
+        "placement": setup.placement,
+        "scenario": setup.scenario,
+        "method": setup.method,
     }
 
 
@@ -83,7 +86,7 @@ def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] |
     blocks = (
         block
         for run in take.runs
-        for numbers, data, begins, lengths in take.scene_bytes(np.flatnonzero(table[:, RUN] == run.number))
+        for numbers, data, begins, lengths in take.scene_blocks(np.flatnonzero(table[:, RUN] == run.number))
         for block in people_blocks(run.number, numbers, data, begins, lengths)
     )
     try:

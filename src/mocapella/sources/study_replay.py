@@ -132,7 +132,7 @@ class StudyReplay:
 def _track(
     log: StudyLog, rows: NDArray[np.intp], sensor: str, T_reference_sensor_of: Mapping[int, NDArray[np.float64]]
 ) -> RecordedTrack:
-    _check_times_and_people(log, rows)
+    check_times_and_people(log, rows)
     time_ns = log.skeleton_time_ticks[rows] * TICK_NS
     order = order_rows(time_ns, log.person_id[rows])
     kept = order.kept
@@ -171,7 +171,12 @@ def _bodies(
     }
 
 
-def _check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
+def check_times_and_people(log: StudyLog, rows: NDArray[np.intp]) -> None:
+    """Check the times and person ids of one sensor's rows of a study log, given by their indices (k,).
+
+    Raises:
+        InputError: a time is impossible or goes back too far, or a person's id is negative; names the row.
+    """
     ticks, tracker_ms = log.skeleton_time_ticks[rows], log.tracker_time_ms[rows]
     no_time = _is_beyond(ticks, 0, _LIMIT_NS // TICK_NS)
     refuse(log, rows[no_time], "skeleton_time_ticks", "is no time of a sensor", "it counts 100 ns, from any zero")

@@ -103,11 +103,22 @@ def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, st
         refuse(log, rows[first[2:]], "kinect_id", "is a third sensor, and a replay places two", fix)
     names: dict[str, str] = {}
     for kinect in log.kinect_id[rows[first]].tolist():
-        name = next((name for end, name in sensors.items() if kinect.endswith(end)), None) or _safe_name(kinect)
+        name = sensor_name(kinect, sensors)
         if name in names.values():
             raise SettingsError(f"{log.source}: two Kinects would be the sensor {name!r}; name them apart")
-        names[kinect] = check_sensor_name(name)
+        names[kinect] = name
     return names
+
+
+def sensor_name(kinect: str, sensors: Mapping[str, str]) -> str:
+    """Return the name of a sensor by its ``Kinect_Id``, as in `sensor_names`.
+
+    Raises:
+        SettingsError: the name is invalid.
+    """
+    return check_sensor_name(
+        next((name for end, name in sensors.items() if kinect.endswith(end)), None) or _safe_name(kinect)
+    )
 
 
 def _safe_name(kinect: str) -> str:

@@ -70,7 +70,12 @@ def methods_making(part: str) -> tuple[str, ...]:
 
 def not_taken(frame: SensorFrame, method: str) -> str:
     """Return why a method rejects a frame; empty if it accepts its type, and for frames that are only recorded."""
-    return "" if frame.for_the_take else _not_taken(type(frame), what_it_sends(frame), method)
+    return "" if frame.for_the_take else never_tracked(frame, method)
+
+
+def never_tracked(frame: SensorFrame, method: str) -> str:
+    """Return why a method makes no result of a frame, also of one that is only recorded; empty if it does."""
+    return _not_taken(type(frame), what_it_sends(frame), method)
 
 
 @lru_cache(maxsize=256)

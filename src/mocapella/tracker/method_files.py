@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,37 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.model.camera_rig_file import encode_camera_rig, load_camera_rig
 from mocapella.model.hand_file import encode_hand_shape, load_hand_shape
 from mocapella.model.space import as_settings, load_space
+from mocapella.registry import load
+from mocapella.settings import merged
+from mocapella.tracker.method import METHODS
+
+
+def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | None]) -> dict[str, Any]:
+    """Read a tracking method's files, such as a camera rig, into settings, which a take stores for its replay.
+
+    Args:
+        method: name of the tracking method.
+        files: one or several paths by the option's name, such as ``rig``; None or empty for options not given.
+
+    Raises:
+        SettingsError: the method does not use such a file; names the methods that do.
+        InputError: a file cannot be used.
+    """
+    told: dict[str, Any] = {}
+    for option, given in files.items():
+        paths = [given] if isinstance(given, Path) else list(given or ())
+        if not paths:
+            continue
+        readers = METHODS.find(method).files
+        if option not in readers:
+            able = [one.name for one in METHODS.values() if option in one.files]
+            for other in able[:1]:
+                load(METHODS[other].files[option])(paths)  # a fault of the file itself is raised first
+            wanted = f"methods that do: {', '.join(able)}" if able else "no method does"
+            name = f"--{option} {paths[0]}" if option in ("rig", "start") else f"--file {option}={paths[0]}"
+            raise SettingsError(f"{name}: the method {method} wants no such file; {wanted}")
+        told = merged(told, load(readers[option])(paths))
+    return told
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:
