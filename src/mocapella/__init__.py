@@ -15,6 +15,7 @@ TYPE_CHECKING = False  # importing typing here would come before Ctrl-C is handl
 if TYPE_CHECKING:
     from typing import Any
 
+    from mocapella.library.angle_tracks import AngleTracks
     from mocapella.library.calibration import calibrate
     from mocapella.library.live import connect
     from mocapella.library.motion_tracks import MotionTracks
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
+    "AngleTracks",
     "MotionTracks",
     "Recording",
     "TriangulatedPoints",
@@ -36,6 +38,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "AngleTracks": "mocapella.library.angle_tracks",
     "MotionTracks": "mocapella.library.motion_tracks",
     "Recording": "mocapella.library.recording",
     "TriangulatedPoints": "mocapella.library.triangulation",

@@ -15,7 +15,8 @@ from support.take_making import STEP, info, record, scene, write_frame
 import mocapella
 from mocapella.exports.export import EXPORTS, TRAJECTORIES
 from mocapella.geometry.twists import exp_twist
-from mocapella.model.scene import Scene, SensorPlace, TrackedObject
+from mocapella.model.hand import ANGLES, LANDMARKS
+from mocapella.model.scene import Scene, SensorPlace, TrackedHand, TrackedObject
 from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take_writer import TakeWriter
@@ -38,6 +39,12 @@ def take(path: Path, people: int = 1, **parts: tuple) -> Path:
     return path
 
 
+def content(path: Path) -> dict[str, bytes]:
+    """Bytes of a file, or of each file in a folder."""
+    files = path.iterdir() if path.is_dir() else [path]
+    return {one.name: one.read_bytes() for one in files}
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_each_format_is_written_once(tmp_path: Path, name: str) -> None:
     take(tmp_path / "a.mcap")
@@ -46,14 +53,14 @@ def test_each_format_is_written_once(tmp_path: Path, name: str) -> None:
     (of_take,) = json.loads(done.stdout)
     (row,) = of_take["files"]
     assert (of_take["take"], of_take["take_problems"]) == ("a.mcap", [])
-    assert ("notes" in row) == (name == "bvh")
+    assert ("notes" in row) == (name in {"bvh", "mot", "sto", "opensim"})
     row.pop("notes", None)
     assert row == {"path": f"a{EXPORTS[name].suffix}", "frames": 30, "individuals": ["person_0"]}
-    written = (tmp_path / row["path"]).read_bytes()
+    written = content(tmp_path / row["path"])
     again = run_here(tmp_path, "export", name, "a")
     assert again.returncode == 1
     assert "exists; add --force to replace it" in again.stderr
-    assert (tmp_path / row["path"]).read_bytes() == written
+    assert content(tmp_path / row["path"]) == written
     assert run_here(tmp_path, "export", name, "a", "--force").returncode == 0
     assert {one.name for one in tmp_path.iterdir()} == {"a.mcap", row["path"]}
 
@@ -139,6 +146,39 @@ def test_a_mistake_is_a_line_and_nothing_is_half_written(tmp_path: Path, words: 
     assert why in done.stderr
     assert "Traceback" not in done.stderr
     assert sorted(tmp_path.rglob("*")) == there
+
+
+def test_formats_of_opensim_have_its_axes_unless_others_are_chosen(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+
+    def position(*words: str) -> list[float]:
+        assert run_here(tmp_path, "export", "mot", "a", "--force", *words).returncode == 0
+        head, first = (tmp_path / "a.mot").read_text(encoding="utf-8").partition("endheader\n")[2].splitlines()[:2]
+        cells = dict(zip(head.split("\t"), map(float, first.split("\t")), strict=True))
+        return [cells[f"pelvis_t{axis}"] for axis in "xyz"]
+
+    x, y, z = position("--space", "world")
+    np.testing.assert_allclose(position(), [-z, y, x], atol=1e-6)
+    assert run_here(tmp_path, "export", "npz", "a", "--space", "").returncode == 1
+
+
+def hand(number: int, angles: np.ndarray) -> TrackedHand:
+    landmarks = np.random.default_rng(number).normal(size=(len(LANDMARKS), 3))
+    states, sd = np.full(len(LANDMARKS), 2, np.uint8), np.full(len(LANDMARKS), 0.01, np.float32)
+    return TrackedHand(number, True, landmarks, states, sd, angles, T)
+
+
+def test_somebody_without_a_file_does_not_stop_the_others(tmp_path: Path) -> None:
+    """A hand whose angles are unknown has no STO."""
+    unknown, known = np.full(len(ANGLES), np.nan), np.full(len(ANGLES), 0.5)
+    take(tmp_path / "a.mcap", people=0, hands=(hand(1, unknown), hand(2, known)))
+    done = run_here(tmp_path, "export", "sto", "a", "--json", "-")
+    assert done.returncode == 1
+    (of_take,) = json.loads(done.stdout)
+    assert [row["path"] for row in of_take["files"]] == ["a.hand_2_left.sto"]
+    assert of_take["take_problems"] == ["hand_1_left has no known joint angle in any frame"]
+    assert "a.mcap: hand_1_left has no known joint angle in any frame" in done.stderr
+    assert {one.name for one in tmp_path.iterdir()} == {"a.mcap", "a.hand_2_left.sto"}
 
 
 def test_several_takes_go_to_a_folder_that_is_made(tmp_path: Path) -> None:

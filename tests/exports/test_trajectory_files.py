@@ -241,6 +241,21 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
         pass
 
 
+def test_of_a_folder_only_the_files_that_are_written_are_replaced(tmp_path: Path) -> None:
+    """Other programs work in such a folder."""
+    path = tmp_path / "a.opensim"
+    for text, force in (("old", False), ("new", True)):
+        with new_file(path, force=force) as part:
+            part.mkdir()
+            (part / "model.osim").write_text(text)
+        (path / "result.mot").write_text("theirs")
+    assert {one.name: one.read_text() for one in path.iterdir()} == {"model.osim": "new", "result.mot": "theirs"}
+    assert (path.stat().st_mode & 0o111) == (path.stat().st_mode & 0o444) >> 2
+    with pytest.raises(TakeExistsError, match="--force"), new_file(path):
+        pass
+    assert [one.name for one in tmp_path.iterdir()] == ["a.opensim"]
+
+
 def test_a_missing_library_names_the_extra() -> None:
     with pytest.raises(SettingsError, match=r"no_such_module is not installed: uv sync --extra exports"):
         needed("no_such_module")

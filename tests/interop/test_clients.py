@@ -7,14 +7,13 @@ The first run downloads about a gigabyte. Each client prints the positions that 
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.clients import read_by
 
 from mocapella.exports.bvh_file import write_bvh
 from mocapella.exports.c3d_file import write_c3d
@@ -102,19 +101,6 @@ def walk() -> Trajectories:
         "people", np.arange(FRAMES) / 30.0, np.zeros(FRAMES, np.int64), ("anna",), KIND.joints, positions[:, None],
         states[:, None], np.full((FRAMES, 1, len(KIND)), 0.004, np.float32), KIND.bones, rate_hz=30.0,
     )  # fmt: skip
-
-
-def read_by(folder: Path, program: str, packages: list[str], *arguments: str) -> list[dict[str, Any]]:
-    """Run a client's program in an environment with its packages; return what it prints."""
-    script = folder / "client.py"
-    script.write_text(program, encoding="utf-8")
-    wanted = [word for package in packages for word in ("--with", package)]
-    done = subprocess.run(
-        ["uv", "run", "--no-project", "--isolated", "--python", "3.11", *wanted, "python", str(script), *arguments],
-        capture_output=True, text=True, timeout=1800, check=False, cwd=folder,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return list(json.loads(done.stdout.strip().splitlines()[-1]))
 
 
 def check_positions(frames: list[dict[str, Any]], wanted: np.ndarray, within_m: float) -> None:

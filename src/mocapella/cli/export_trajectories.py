@@ -56,12 +56,12 @@ def export(
         ),
     ] = None,
     space: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--space", metavar="NAME", help="Coordinates: world, opensim (X forward, Y up) or sensor:NAME (its camera "
-            "space).",
+            "space). By default opensim in mot, sto and opensim, and world in other formats.",
         ),
-    ] = "world",
+    ] = None,
     raw: Annotated[
         bool, typer.Option("--raw/--fused", help="Each sensor's own skeletons, or the fused people.")
     ] = False,
@@ -79,7 +79,7 @@ def export(
     from mocapella.live.recordings import find_recording
 
     chosen = EXPORTS.find(str(context.info_name))
-    wishes = _Wishes(_names(people), rate, _space(space), raw, force)
+    wishes = _Wishes(_names(people), rate, _space(chosen.space if space is None else space), raw, force)
     found = [find_recording(take) for take in takes]
     _check_out(out, found)
     rows, failed, damaged = [], False, False
@@ -94,6 +94,7 @@ def export(
             failed = True
             continue
         damaged |= row.pop("damaged")
+        failed |= row.pop("failed")
         rows.append(row)
     write_json(json, rows)
     if failed or damaged:
@@ -115,18 +116,25 @@ def _export_take(chosen: Export, path: Path, out: Path | None, wishes: _Wishes) 
     if out is not None and not out.suffix:
         out.mkdir(exist_ok=True)
     written: list[dict[str, Any]] = []
+    problems = list(take.problems)
     for file, one in files:
-        with working(f"writing {file} …", status=INTERRUPTED):
-            count, notes = _write(chosen, one, file, wishes)
+        try:
+            with working(f"writing {file} …", status=INTERRUPTED):
+                count, notes = _write(chosen, one, file, wishes)
+        except SettingsError as error:
+            if len(files) == 1:
+                raise
+            problems.append(str(error))  # the other individuals have their files
+            continue
         say(f"{count} frames of {', '.join(one.individuals)} in {file}")
         for note in notes:
             say(f"{file}: {note}")
         row = {"path": str(file), "frames": count, "individuals": list(one.individuals)}
         written.append({**row, "notes": notes} if notes else row)
-    problems = list(take.problems)
     for problem in problems:
         say(f"{path.name}: {problem}")
-    return {"take": str(path), "files": written, "take_problems": problems, "damaged": take.damaged}
+    return {"take": str(path), "files": written, "take_problems": problems, "damaged": take.damaged,
+            "failed": len(written) < len(files)}  # fmt: skip
 
 
 def _names(people: str | None) -> tuple[str, ...]:

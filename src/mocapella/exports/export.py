@@ -25,6 +25,7 @@ class Export:
         suffix: ending of such a file, such as ``.trc``.
         alone: whether such a file has one individual only.
         constant_rate: whether such a file has a constant frame rate.
+        space: the coordinates that such a file has by default, world or opensim.
     """
 
     interface: int
@@ -36,6 +37,7 @@ class Export:
     suffix: str = ""
     alone: bool = False
     constant_rate: bool = False
+    space: str = "world"
 
 
 TRAJECTORIES: Final = "mocapella.cli.export_trajectories:export"

@@ -1,4 +1,4 @@
-"""Files of exports: written in a hidden folder and moved once complete, and replaced only if that is wished."""
+"""Files and folders of exports: written in a hidden folder, moved once complete, and replaced only if wished."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
     """Yield a path of the same name to write to; move it to ``path`` afterwards, or remove it after an error.
 
     Args:
-        path: the file that appears, complete or not at all.
-        force: whether an existing file is replaced.
+        path: the file that appears, complete or not at all, or the folder of files, if a folder is written.
+        force: whether an existing file is replaced. Of an existing folder, the files of equal names are replaced one by
+            one; others, such as what another program made of them, stay.
 
     Raises:
         TakeExistsError: the file exists, and ``force`` is not set.
@@ -30,8 +31,16 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
         with TemporaryDirectory(prefix=".mocapella-", dir=path.parent) as folder:
             part = Path(folder) / path.name
             yield part
-            part.chmod(usual_mode())
-            part.replace(path)
+            files = sorted(part.iterdir()) if part.is_dir() else [part]
+            for file in files:
+                file.chmod(usual_mode())
+            if part.is_dir():
+                part.chmod(usual_mode() | (usual_mode() & 0o444) >> 2)  # who may read it may enter it
+            if part.is_dir() and path.is_dir():
+                for file in files:
+                    file.replace(path / file.name)
+            else:
+                part.replace(path)
     except OSError as error:
         fix = "; name a file in a folder that exists" if isinstance(error, FileNotFoundError) else ""
         raise SettingsError(f"--out {path}: {error.strerror or error}{fix}") from error

@@ -31,11 +31,10 @@ JSON: Final = Export(
 
 
 def _trajectories(
-    name: str, summary: str, write: str, suffix: str, *, parts: tuple[str, ...] = tuple(PARTS), alone: bool = False
-) -> Export:
-    return Export(
-        1, name, summary, parts, TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, constant_rate=alone
-    )
+    name: str, summary: str, write: str, suffix: str, *, parts: tuple[str, ...] = tuple(PARTS), alone: bool = False,
+    space: str = "world",
+) -> Export:  # fmt: skip
+    return Export(1, name, summary, parts, TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, alone, space)
 
 
 CSV: Final = _trajectories(
@@ -68,3 +67,23 @@ BVH: Final = _trajectories(
 HTML: Final = _trajectories(
     "html", "A page that plays the motion in 3D in any browser, without a server.", "motion_page:write_page", ".html"
 )
+ANGLES: Final = _trajectories(
+    "angles", "Table of joint angles: a row for each angle of each frame, with its state and uncertainty.",
+    "angle_tables:write_angles", ".angles.csv", parts=("people", "hands", "arms", "bodies"),
+)  # fmt: skip
+MOT: Final = _trajectories(
+    "mot", "Joint angles as OpenSim's coordinates: one person, constant rate, degrees.", "storage_file:write_mot",
+    ".mot", parts=("people",), alone=True, space="opensim",
+)  # fmt: skip
+STO: Final = _trajectories(
+    "sto", "All joint angles in OpenSim's storage: one individual, constant rate, degrees.", "storage_file:write_sto",
+    ".sto", parts=("people", "hands", "arms", "bodies"), alone=True, space="opensim",
+)  # fmt: skip
+OPENSIM: Final = _trajectories(
+    "opensim", "Folder for OpenSim: TRC, skeleton, and set-ups of scaling and inverse kinematics.",
+    "opensim_folder:write_opensim", ".opensim", parts=("people",), alone=True, space="opensim",
+)  # fmt: skip
+ROSBAG2: Final = _trajectories(
+    "rosbag2", "Bag for ROS 2, RViz and Foxglove: transforms, markers and joint states.", "rosbag2:write_rosbag2",
+    ".rosbag2",
+)  # fmt: skip

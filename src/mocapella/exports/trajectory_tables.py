@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mocapella.exports.arm_rows import STATES
 from mocapella.exports.needs import needed
-from mocapella.exports.run_labels import LABELS, labels_by_run
+from mocapella.exports.run_labels import LABELS, label_texts, labels_by_run
 from mocapella.model.names import as_cell
 from mocapella.model.trajectories import Trajectories
 
@@ -38,6 +38,10 @@ class Texts(NamedTuple):
         return [self.names[code] for code in self.codes.tolist()]
 
 
+Columns = Mapping[str, Texts | NDArray[Any]]
+"""A table by column."""
+
+
 def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
     """Return a long table by column, in the order of `COLUMNS`.
 
@@ -56,7 +60,7 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
     return {
         "time_s": trajectories.times_s[f],
         "run": runs,
-        **{label: _labels(trajectories, label, runs) for label in LABELS},
+        **{label: labels_of_runs(trajectories.labels, label, runs) for label in LABELS},
         "individual": Texts(i, trajectories.individuals),
         "keypoint": Texts(keypoints, trajectories.keypoints),
         "state": Texts(trajectories.states[where].astype(np.int64), STATES),
@@ -67,9 +71,12 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
     }
 
 
-def _labels(trajectories: Trajectories, label: str, runs: Any) -> Texts:
-    """Return the column of a label; its texts are of all runs, so that parts of a motion have the same ones."""
-    texts = {run: labels[label] for run, labels in labels_by_run(trajectories).items()}
+def labels_of_runs(labels: Mapping[int, Mapping[str, Any]], label: str, runs: NDArray[np.int64]) -> Texts:
+    """Return the column of a label, such as participant, of rows of the ``runs`` (rows,); unknown ones are empty.
+
+    Its texts are of all runs, so that parts of a motion have the same ones.
+    """
+    texts = {run: label_texts(own)[label] for run, own in labels.items()}
     names = tuple(dict.fromkeys(["", *texts.values()]))
     known, rows = np.unique(runs, return_inverse=True)
     codes = np.array([names.index(texts.get(run, "")) for run in known.tolist()], dtype=np.int64)
@@ -99,8 +106,7 @@ def write_csv(trajectories: Trajectories, path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for some in _in_steps(trajectories):
-            texts = [_cells(name, column) for name, column in long_columns(some).items()]
-            writer.writerows(zip(*texts, strict=True))
+            writer.writerows(rows_of(long_columns(some)))
 
 
 def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
@@ -119,6 +125,11 @@ def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
             cells[..., 3] = np.asarray(STATES, dtype=object)[some.states]
             columns = zip(_decimals(some.times_s, 6), some.runs.tolist(), cells.reshape(len(some), -1), strict=True)
             writer.writerows([time, run, *by_run[run], *row] for time, run, row in columns)
+
+
+def rows_of(columns: Columns) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a table as cells of a CSV; unknown numbers are empty."""
+    return zip(*(_cells(name, column) for name, column in columns.items()), strict=True)
 
 
 def _cells(name: str, column: Any) -> list[Any]:
@@ -142,8 +153,17 @@ def as_polars(trajectories: Trajectories) -> Any:
     Raises:
         SettingsError: polars is not installed; names the extra.
     """
+    return columns_as_polars(long_columns(trajectories))
+
+
+def columns_as_polars(columns: Columns) -> Any:
+    """Return a table as a polars data frame, as `as_polars` does.
+
+    Raises:
+        SettingsError: polars is not installed; names the extra.
+    """
     polars = needed("polars")
-    frame = polars.DataFrame({name: _series(polars, column) for name, column in long_columns(trajectories).items()})
+    frame = polars.DataFrame({name: _series(polars, column) for name, column in columns.items()})
     return frame.with_columns(polars.selectors.float().fill_nan(None))
 
 
@@ -159,11 +179,20 @@ def as_pandas(trajectories: Trajectories) -> Any:
     Raises:
         SettingsError: pandas is not installed; names the extra.
     """
+    return columns_as_pandas(long_columns(trajectories))
+
+
+def columns_as_pandas(columns: Columns) -> Any:
+    """Return a table as a pandas data frame, as `as_pandas` does.
+
+    Raises:
+        SettingsError: pandas is not installed; names the extra.
+    """
     pandas = needed("pandas")
     return pandas.DataFrame(
         {
             name: pandas.Categorical.from_codes(column.codes, column.names) if isinstance(column, Texts) else column
-            for name, column in long_columns(trajectories).items()
+            for name, column in columns.items()
         }
     )
 

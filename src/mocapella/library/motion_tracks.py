@@ -14,6 +14,7 @@ from mocapella.exports.motion_page import page_of
 from mocapella.exports.needs import needed
 from mocapella.exports.trajectory_arrays import as_dataset
 from mocapella.exports.trajectory_tables import as_pandas, as_polars
+from mocapella.library.angle_tracks import AngleTracks
 from mocapella.model.observations import JointState
 from mocapella.model.resampling import resampled
 from mocapella.model.trajectories import Trajectories
@@ -67,6 +68,14 @@ class MotionTracks(Trajectories):
             SettingsError: the rate is out of range.
         """
         return resampled(self, rate_hz)
+
+    def joint_angles(self) -> AngleTracks:
+        """Return the joint angles of people, as docs/joint-angles.md defines them, or a fitted model's own.
+
+        Raises:
+            SettingsError: the keypoints determine no angle; lists the topologies.
+        """
+        return AngleTracks.of(self)
 
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` in the layout of ``movement``.
