@@ -15,7 +15,8 @@ from support.take_making import STEP, info, record, scene, write_frame
 import mocapella
 from mocapella.exports.export import EXPORTS, TRAJECTORIES
 from mocapella.geometry.twists import exp_twist
-from mocapella.model.hand import ANGLES, LANDMARKS
+from mocapella.model.hand import ANGLES, LANDMARKS, hand_model
+from mocapella.model.hand_flesh import digits_at_rest
 from mocapella.model.scene import Scene, SensorPlace, TrackedHand, TrackedObject
 from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_log import read_study_log
@@ -53,7 +54,7 @@ def test_each_format_is_written_once(tmp_path: Path, name: str) -> None:
     (of_take,) = json.loads(done.stdout)
     (row,) = of_take["files"]
     assert (of_take["take"], of_take["take_problems"]) == ("a.mcap", [])
-    assert ("notes" in row) == (name in {"bvh", "mot", "sto", "opensim"})
+    assert ("notes" in row) == (EXPORTS[name].humanoids or name in {"mot", "sto", "opensim"})
     row.pop("notes", None)
     assert row == {"path": f"a{EXPORTS[name].suffix}", "frames": 30, "individuals": ["person_0"]}
     written = content(tmp_path / row["path"])
@@ -126,6 +127,8 @@ def test_raw_views_rates_and_spaces(tmp_path: Path) -> None:
         (("npz", "a", "--out", "gone/folder"), "no folder can be made there"),
         (("npz", "a", "more/a", "--out", "out"), "two takes are called a"),
         (("bvh", "things"), "things.mcap has no results for bvh"),
+        (("csv", "a", "--humanoid", "vrm"), "--humanoid: csv has no bones; formats that have: bvh, glb, usd"),
+        (("glb", "a", "--humanoid", "robot"), "--humanoid 'robot': known: vrm, unity, mixamo, kinect, smpl"),
         (("npz", "a", "--space", "sensor:back"), "no pose of a sensor 'back'; sensors: front"),
         (("npz", "a", "b", "--out", "c.npz"), "there are 2 takes; name a folder"),
         (("npz", "a", "--out", "gone/c.npz"), "name a file in a folder that exists"),
@@ -253,3 +256,32 @@ def test_help_describes_the_format(tmp_path: Path) -> None:
     text = run_here(tmp_path, "export", "parquet", "--help").stdout
     assert "The table of csv as Parquet" in text
     assert "mocapella export parquet walk-1 --people person_0" in text
+
+
+def test_an_animated_skeleton_has_the_bones_of_a_humanoid(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    for name, humanoid in (("glb", "unity"), ("usd", "unity"), ("bvh", "unity")):
+        done = run_here(tmp_path, "export", name, "a", "--humanoid", humanoid)
+        assert done.returncode == 0, done.stderr
+        assert "observed twists, share of frames" in done.stderr
+        assert b"LeftUpperArm" in (tmp_path / f"a{EXPORTS[name].suffix}").read_bytes()
+    assert run_here(tmp_path, "export", "glb", "a", "--force").returncode == 0
+    assert b"leftUpperArm" in (tmp_path / "a.glb").read_bytes()
+
+
+@pytest.mark.slow
+def test_a_person_has_the_fingers_of_the_hand_at_the_wrist(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    own = mocapella.load(tmp_path / "a.mcap").people
+    assert own is not None
+    wrist = own.positions[0, 0, own.keypoints.index("WristLeft")]
+    shape = hand_model("full").shape("left")
+    places = wrist + np.vstack([np.zeros(3), digits_at_rest(hand_model("full"), shape)[1]])
+    hand = TrackedHand(
+        1, True, places, np.full(21, 2, np.uint8), np.full(21, 0.01, np.float32), np.zeros(21), np.eye(4)
+    )
+    take(tmp_path / "b.mcap", hands=(hand,))
+    assert run_here(tmp_path, "export", "glb", "b").returncode == 0
+    assert {one.name for one in tmp_path.iterdir()} == {"a.mcap", "b.mcap", "b.people.glb", "b.hands.glb"}
+    assert b"leftIndexProximal" in (tmp_path / "b.people.glb").read_bytes()
+    assert b"rightIndexProximal" not in (tmp_path / "b.people.glb").read_bytes()

@@ -16,13 +16,12 @@ from support.programs import run_here
 from support.take_making import STEP, info, record
 
 import mocapella
-from mocapella.exports.bvh_file import write_bvh
 from mocapella.exports.c3d_file import write_c3d
+from mocapella.exports.export import EXPORTS
 from mocapella.exports.needs import needed
 from mocapella.exports.run_labels import LABELS, in_words, label_changes, label_texts, left_out
 from mocapella.exports.trajectory_arrays import as_dataset, write_npz
 from mocapella.exports.trajectory_tables import write_csv, write_wide_csv
-from mocapella.exports.trc_file import write_trc
 from mocapella.model.resampling import resampled
 from mocapella.model.session import Setup
 from mocapella.model.trajectories import Trajectories
@@ -112,15 +111,17 @@ def _parameters_of(path: Path) -> dict[str, list[object]]:
 def test_a_format_without_a_place_for_them_says_so_in_one_line(take: Path, tmp_path: Path) -> None:
     people = mocapella.load(take).people
     assert people is not None
-    own = resampled(people.of(people.individuals[0]), 30.0)
     line = (
         "the labels change during the take (scenario steps from 0.7 s), which this format cannot tell; csv and c3d do"
     )
-    assert write_trc(own, tmp_path / "a.trc") == [line]
-    assert write_bvh(own, tmp_path / "a.bvh")[-1] == line
-    alike = replace(own, labels={0: people.labels[0], 1: people.labels[0]})
-    assert write_trc(alike, tmp_path / "b.trc") == []
-    assert line not in write_bvh(alike, tmp_path / "b.bvh")
+    assert left_out(people) == [line]
+    assert left_out(replace(people, labels={0: people.labels[0], 1: people.labels[0]})) == []
+    for name in ("bvh", "mot", "html", "csv", "npz"):
+        done = run_here(tmp_path, "export", name, str(take), "--out", name, "--json", "-")
+        assert done.returncode == 0, done.stderr
+        (row,) = json.loads(done.stdout)
+        notes = [note for file in row["files"] for note in file.get("notes", [])]
+        assert (line in notes) == (not EXPORTS[name].with_labels), name
     done = run_here(tmp_path, "export", "trc", str(take), "--out", "c.trc", "--people", people.individuals[0])
     assert done.returncode == 0, done.stderr
     assert line in done.stderr

@@ -32,6 +32,7 @@ class _Wishes:
     rate_hz: float | None
     space: str
     raw: bool
+    humanoid: str | None
     force: bool
 
 
@@ -65,6 +66,13 @@ def export(
     raw: Annotated[
         bool, typer.Option("--raw/--fused", help="Each sensor's own skeletons, or the fused people.")
     ] = False,
+    humanoid: Annotated[
+        str | None,
+        typer.Option(
+            "--humanoid", metavar="NAME", help="Bones of animated skeletons: vrm, unity, mixamo, kinect or smpl. By "
+            "default vrm for glb and usd, the tracked joints for bvh.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     json: JsonOut = None,
 ) -> None:  # fmt: skip
@@ -79,7 +87,8 @@ def export(
     from mocapella.live.recordings import find_recording
 
     chosen = EXPORTS.find(str(context.info_name))
-    wishes = _Wishes(_names(people), rate, _space(chosen.space if space is None else space), raw, force)
+    humanoid_of = _humanoid(humanoid, chosen)
+    wishes = _Wishes(_names(people), rate, _space(chosen.space if space is None else space), raw, humanoid_of, force)
     found = [find_recording(take) for take in takes]
     _check_out(out, found)
     rows, failed, damaged = [], False, False
@@ -170,12 +179,27 @@ def _space(text: str) -> str:
     return text
 
 
+def _humanoid(name: str | None, export: Export) -> str | None:
+    """Return the humanoid of ``--humanoid``, checked."""
+    from mocapella.exports.export import EXPORTS
+    from mocapella.model.humanoid_bones import humanoid_names
+
+    if name is None:
+        return None
+    if not export.humanoids:
+        able = ", ".join(each.name for each in EXPORTS.values() if each.humanoids)
+        raise SettingsError(f"--humanoid: {export.name} has no bones; formats that have: {able}")
+    humanoid_names(name)
+    return name
+
+
 def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Trajectories]:
     """Return the trajectories to write, by kind.
 
     Raises:
         SettingsError: the take has none of them.
     """
+    from mocapella.model.humanoid_hands import with_hands
     from mocapella.model.trajectories import VIEWS
     from mocapella.recording.take_trajectories import take_trajectories
 
@@ -184,6 +208,8 @@ def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Traj
     if not found:
         what = "results with a sensor's own skeletons" if wishes.raw else f"results for {export.name}"
         raise SettingsError(f"{take.path.name} has no {what}; `mocapella take info {take.path.name}` shows its content")
+    if export.humanoids and "people" in found:
+        found["people"] = with_hands(found["people"], found)
     known = [name for some in found.values() for name in some.individuals]
     for name in wishes.people:
         if name not in known:
@@ -228,6 +254,7 @@ def _file_name(individual: str) -> str:
 def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wishes) -> tuple[int, list[str]]:
     """Write a file; return its number of frames, and sentences for the user."""
     from mocapella.exports.new_file import new_file
+    from mocapella.exports.run_labels import left_out
     from mocapella.exports.trc_file import T_OPENSIM_WORLD
     from mocapella.model.resampling import resampled
     from mocapella.registry import load
@@ -236,7 +263,10 @@ def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wish
         trajectories = resampled(trajectories, wishes.rate_hz)
     if wishes.space == "opensim":
         trajectories = trajectories.moved(T_OPENSIM_WORLD)
-    write: Callable[[Trajectories, Path], list[str] | None] = load(export.write)
+    write: Callable[..., list[str] | None] = load(export.write)
+    options = {"humanoid": wishes.humanoid} if export.humanoids else {}
     with new_file(file, force=wishes.force) as part:
-        notes = write(trajectories, part) or []
+        notes = write(trajectories, part, **options) or []
+    if not export.with_labels:
+        notes = notes + left_out(trajectories)
     return len(trajectories), notes

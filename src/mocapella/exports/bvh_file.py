@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocapella.exports.run_labels import left_out
+from mocapella.exports.animated_skeleton import motion_of, notes_of
 from mocapella.geometry.bone_rotations import local_rotations
-from mocapella.model.rest_pose import RigidSkeleton, rigid_motion, skeleton_of
+from mocapella.model.rest_pose import RigidSkeleton
 from mocapella.model.trajectories import Trajectories
 
 Float64 = NDArray[np.float64]
@@ -22,7 +22,7 @@ _LEAST_END_CM: Final = 2.0
 """Least length of the end of a joint without children [cm]."""
 
 
-def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
+def write_bvh(trajectories: Trajectories, path: Path, *, humanoid: str | None = None) -> list[str]:
     """Write one individual as BVH, in centimetres, Y up; at rest in a T pose that looks along +Z, with its left on +X.
 
     Bones are rigid, with their median lengths. The root has a position; every joint has a rotation in the order Z, X,
@@ -31,17 +31,18 @@ def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
     Args:
         trajectories: one individual at a constant rate.
         path: the file.
+        humanoid: names and rest pose of the bones (`mocapella.model.humanoid_bones`); None for the tracked joints of
+            people, and ``vrm`` for bodies. Hands and arms have their own landmarks.
 
     Returns:
-        Sentences about joints that are held, the distance of the rigid skeleton from the measured joints, and labels
-        that change during the take.
+        Sentences about the distance of the rigid skeleton from the measured joints, joints that are held, and twists.
 
     Raises:
         SettingsError: the individual has no skeleton, or is never known.
         OSError: the file cannot be written.
     """
-    skeleton = skeleton_of(trajectories)
-    motion = rigid_motion(trajectories, skeleton)
+    motion = motion_of(trajectories, humanoid)
+    skeleton = motion.skeleton
     local = local_rotations(skeleton.parents, motion.R)
     order = _depth_first(skeleton)
     turns = Rotation.from_matrix(local[:, order].reshape(-1, 3, 3)).as_euler("ZXY", degrees=True)
@@ -52,12 +53,7 @@ def write_bvh(trajectories: Trajectories, path: Path) -> list[str]:
     row_text = " ".join(["%.6f"] * rows.shape[1])
     lines += [row_text % tuple(row) for row in rows.tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="")
-    known = motion.error_m[np.isfinite(motion.error_m)]
-    notes = [f"bones are rigid: joints are {1000 * np.median(known):.0f} mm off in the median, "
-             f"{1000 * np.percentile(known, 95):.0f} mm at 95 %"]  # fmt: skip
-    if motion.held.any():
-        notes.append(f"{motion.held.mean():.0%} of the joints are unknown and keep their last position")
-    return notes + left_out(trajectories)
+    return notes_of(motion)
 
 
 def _depth_first(skeleton: RigidSkeleton, joint: int = 0) -> list[int]:

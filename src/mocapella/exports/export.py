@@ -26,6 +26,8 @@ class Export:
         alone: whether such a file has one individual only.
         constant_rate: whether such a file has a constant frame rate.
         space: the coordinates that such a file has by default, world or opensim.
+        with_labels: whether such a file has the labels of each run; for others, the command says when they change.
+        humanoids: whether ``write`` also takes ``humanoid=``, a name of `mocapella.model.humanoid_bones` or None.
     """
 
     interface: int
@@ -38,6 +40,8 @@ class Export:
     alone: bool = False
     constant_rate: bool = False
     space: str = "world"
+    with_labels: bool = False
+    humanoids: bool = False
 
 
 TRAJECTORIES: Final = "mocapella.cli.export_trajectories:export"

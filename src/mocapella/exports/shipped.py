@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from mocapella.exports.export import TRAJECTORIES, Export
@@ -32,44 +33,62 @@ JSON: Final = Export(
 
 def _trajectories(
     name: str, summary: str, write: str, suffix: str, *, parts: tuple[str, ...] = tuple(PARTS), alone: bool = False,
-    space: str = "world",
+    space: str = "world", with_labels: bool = False,
 ) -> Export:  # fmt: skip
-    return Export(1, name, summary, parts, TRAJECTORIES, f"mocapella.exports.{write}", suffix, alone, alone, space)
+    where = f"mocapella.exports.{write}"
+    return Export(1, name, summary, parts, TRAJECTORIES, where, suffix, alone, alone, space, with_labels)
 
 
 CSV: Final = _trajectories(
     "csv", "Table: a row for each keypoint of each frame, with its state and uncertainty.",
-    "trajectory_tables:write_csv", ".csv",
+    "trajectory_tables:write_csv", ".csv", with_labels=True,
 )  # fmt: skip
 CSV_WIDE: Final = _trajectories(
     "csv-wide", "Table: a row for each frame, with columns for all keypoints.", "trajectory_tables:write_wide_csv",
-    ".wide.csv",
+    ".wide.csv", with_labels=True,
 )  # fmt: skip
 PARQUET: Final = _trajectories(
-    "parquet", "The table of csv as Parquet, for polars, pandas and R.", "trajectory_tables:write_parquet", ".parquet"
+    "parquet", "The table of csv as Parquet, for polars, pandas and R.", "trajectory_tables:write_parquet", ".parquet",
+    with_labels=True,
+)  # fmt: skip
+NPZ: Final = _trajectories(
+    "npz", "All arrays, for numpy.load.", "trajectory_arrays:write_npz", ".npz", with_labels=True
 )
-NPZ: Final = _trajectories("npz", "All arrays, for numpy.load.", "trajectory_arrays:write_npz", ".npz")
 NETCDF: Final = _trajectories(
-    "netcdf", "A data set in the layout of movement, for xarray.", "trajectory_arrays:write_netcdf", ".nc"
-)
+    "netcdf", "A data set in the layout of movement, for xarray.", "trajectory_arrays:write_netcdf", ".nc",
+    with_labels=True,
+)  # fmt: skip
 TRC: Final = _trajectories(
     "trc", "Markers for OpenSim: one individual, constant rate, metres, Y up.", "trc_file:write_trc", ".trc",
     alone=True,
 )  # fmt: skip
 C3D: Final = _trajectories(
     "c3d", "Points for biomechanics: one individual, constant rate, millimetres.", "c3d_file:write_c3d", ".c3d",
-    alone=True,
+    alone=True, with_labels=True,
 )  # fmt: skip
-BVH: Final = _trajectories(
+_WITH_BONES: Final = ("people", "hands", "arms", "bodies")
+
+
+def _animation(name: str, summary: str, write: str, suffix: str) -> Export:
+    return replace(_trajectories(name, summary, write, suffix, parts=_WITH_BONES, alone=True), humanoids=True)
+
+
+BVH: Final = _animation(
     "bvh", "Animated skeleton for Blender and games: one individual, constant rate, centimetres.", "bvh_file:write_bvh",
-    ".bvh", parts=("people", "hands", "arms"), alone=True,
+    ".bvh",
 )  # fmt: skip
+GLB: Final = _animation(
+    "glb", "Animated skeleton with a skin (glTF, VRM animation): one individual, metres.", "glb_file:write_glb", ".glb"
+)
+USD: Final = _animation(
+    "usd", "Animated skeleton with a skin (UsdSkel): one individual, metres.", "usd_file:write_usd", ".usda"
+)
 HTML: Final = _trajectories(
     "html", "A page that plays the motion in 3D in any browser, without a server.", "motion_page:write_page", ".html"
 )
 ANGLES: Final = _trajectories(
     "angles", "Table of joint angles: a row for each angle of each frame, with its state and uncertainty.",
-    "angle_tables:write_angles", ".angles.csv", parts=("people", "hands", "arms", "bodies"),
+    "angle_tables:write_angles", ".angles.csv", parts=_WITH_BONES, with_labels=True,
 )  # fmt: skip
 MOT: Final = _trajectories(
     "mot", "Joint angles as OpenSim's coordinates: one person, constant rate, degrees.", "storage_file:write_mot",
@@ -77,7 +96,7 @@ MOT: Final = _trajectories(
 )  # fmt: skip
 STO: Final = _trajectories(
     "sto", "All joint angles in OpenSim's storage: one individual, constant rate, degrees.", "storage_file:write_sto",
-    ".sto", parts=("people", "hands", "arms", "bodies"), alone=True, space="opensim",
+    ".sto", parts=_WITH_BONES, alone=True, space="opensim",
 )  # fmt: skip
 OPENSIM: Final = _trajectories(
     "opensim", "Folder for OpenSim: TRC, skeleton, and set-ups of scaling and inverse kinematics.",

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from mocapella.exports.run_labels import left_out
 from mocapella.exports.space_tracks import as_trc
 from mocapella.model.point_tracks import SpaceTracks
 from mocapella.model.trajectories import Trajectories
@@ -19,15 +18,12 @@ T_OPENSIM_WORLD: Final = np.array(
 """OpenSim's ground from the world: a person who looks against the world's z axis, to a camera there, looks along +X."""
 
 
-def write_trc(trajectories: Trajectories, path: Path) -> list[str]:
+def write_trc(trajectories: Trajectories, path: Path) -> None:
     """Write one individual as TRC, in metres, with Y up; unknown coordinates are NaN. The first frame is number 1.
 
     Args:
         trajectories: one individual at a constant rate.
         path: the file.
-
-    Returns:
-        A sentence about labels that change during the take, which a TRC cannot tell.
 
     Raises:
         OSError: the file cannot be written.
@@ -44,4 +40,3 @@ def write_trc(trajectories: Trajectories, path: Path) -> list[str]:
         states=np.zeros((frames, points), np.uint8),
     )
     path.write_text(as_trc(tracks, path.name, hz=trajectories.rate_hz), encoding="utf-8", newline="")
-    return left_out(trajectories)

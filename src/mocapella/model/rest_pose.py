@@ -149,12 +149,12 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
     if not known[:, 0].any():
         raise SettingsError(f"{trajectories.individuals[0]}: {skeleton.names[0]} is never known")
     filled = measured.copy()
-    filled[:, 0] = _held(measured[:, 0], known[:, 0])
+    filled[:, 0] = held_rows(measured[:, 0], known[:, 0])
     for joint in range(1, len(skeleton.parents)):
         parent = skeleton.parents[joint]
         both = known[:, joint] & known[:, parent]
         relative = measured[:, joint] - measured[:, parent]
-        held = _held(relative, both) if both.any() else np.broadcast_to(skeleton.offsets[joint], relative.shape)
+        held = held_rows(relative, both) if both.any() else np.broadcast_to(skeleton.offsets[joint], relative.shape)
         filled[:, joint] = np.where(known[:, joint, None], measured[:, joint], filled[:, parent] + held)
     R = joint_rotations(skeleton.parents, skeleton.offsets, filled)
     placed = posed(skeleton.parents, skeleton.offsets, filled[:, 0], R)
@@ -162,7 +162,7 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
     return RigidMotion(skeleton, filled[:, 0], R, ~known, error)
 
 
-def _held(values: Float64, known: NDArray[np.bool_]) -> Float64:
+def held_rows(values: Float64, known: NDArray[np.bool_]) -> Float64:
     """Replace unknown rows by the last known one, or by the first known one before it."""
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     return np.asarray(values[np.where(last >= 0, last, np.argmax(known))])
