@@ -203,6 +203,7 @@ def _texts() -> list[Door]:
 
 def _files(folder: Path) -> list[Door]:
     from mocapella.fusion import facing_model, joint_bias
+    from mocapella.library.study_views import read_study_views
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.model.space import load_space
     from mocapella.recording.bodies_file import joints_of_people, read_followed_people, read_json
@@ -231,7 +232,7 @@ def _files(folder: Path) -> list[Door]:
         return joints_of_people(read_json(path), path)
 
     return [
-        of_file("study logs", folder / "log.csv", [log], read_study_log, TEXT),
+        of_file("study logs", folder / "log.csv", [log], read_study_views, TEXT),
         of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
                  (*BYTES, packed, packed)),
         of_file("Azure Kinect tables", folder / "azure.csv", [seeds.azure_table()], bodies, TEXT),

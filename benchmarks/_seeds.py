@@ -120,10 +120,13 @@ def resolve(reference: bytes) -> object:
 
 def study_log(folder: Path) -> bytes:
     """Return a study log of three rows."""
-    from mocapella.model.study_log import StudyRow
+    from mocapella.model.study_log import YEAR_1_TO_1970_MS, StudyRow
     from mocapella.recording.study_log import write_study_log
 
-    rows = [StudyRow(1, 2, 3, 4, 5, k, 7, 0.5, 1.5, "front", 0.0, 90.0, np.ones((25, 3), np.float32)) for k in range(3)]
+    now = YEAR_1_TO_1970_MS + 1_426_000_000_000
+    rows = [
+        StudyRow(1, 2, 3, now, 5, k, 7, 0.5, 1.5, "front", 0.0, 90.0, np.ones((25, 3), np.float32)) for k in range(3)
+    ]
     path = folder / "seed.csv"
     write_study_log(path, rows)
     return path.read_bytes()

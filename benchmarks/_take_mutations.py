@@ -106,6 +106,7 @@ def read_everything(path: Path) -> None:
         lambda: list(found.frames()), lambda: list(found.scenes()), lambda: list(found.statuses()),
         lambda: list(found.clock_probes()), lambda: list(found.replay()), lambda: list(found.truths("front")),
         lambda: [list(found.frames_in_sequence(sensor)) for sensor in found.sensors],
+        lambda: [list(found.raw_run(run.number)) for run in found.runs],
     )  # fmt: skip
     for read in kinds:
         try:

@@ -8,6 +8,7 @@ The first run downloads about a gigabyte. Each client prints the positions that 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ file = ezc3d.c3d(sys.argv[1])
 names, points = file["parameters"]["POINT"]["LABELS"]["value"], file["data"]["points"]
 assert file["parameters"]["POINT"]["RATE"]["value"][0] == 30.0
 assert file["parameters"]["SUBJECTS"]["NAMES"]["value"] == ["anna"]
+assert file["parameters"]["EVENT"]["DESCRIPTIONS"]["value"] == ["participant 7, scenario walk"]
 count = points.shape[2]
 print(json.dumps([{n: [v / 1000 for v in points[:3, i, k]] for i, n in enumerate(names)} for k in range(count)]))
 """
@@ -130,6 +132,6 @@ def test_blender_poses_the_skeleton_of_a_bvh(tmp_path: Path) -> None:
     ids=["opensim", "ezc3d", "c3d", "movement"],
 )
 def test_a_client_reads_the_positions(tmp_path: Path, program: str, packages: list[str], write: Any, name: str) -> None:
-    own = walk()
+    own = replace(walk(), labels={0: {"participant": 7, "scenario": "walk"}})
     write(own, tmp_path / name)
     check_positions(read_by(tmp_path, program, packages, str(tmp_path / name)), own.positions[:, 0], 1e-4)

@@ -65,6 +65,7 @@ def test_arrays_and_files_give_the_same_rig(images: dict[str, np.ndarray], tmp_p
         np.testing.assert_array_equal(of_files.rig.cameras[name].camera.lens, found.rig.cameras[name].camera.lens)
 
 
+@pytest.mark.slow
 def test_known_lenses_times_and_more_images_are_used(images: dict[str, np.ndarray], tmp_path: Path) -> None:
     first = mocapella.calibrate(images, BOARD)
     save_camera_rig(tmp_path / "rig.toml", first.rig)

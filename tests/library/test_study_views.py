@@ -5,15 +5,17 @@ from __future__ import annotations
 import gzip
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.study_examples import FRONT, Rows
+from support.study_examples import FRONT, NOON_MS, Rows, study_rows
 
 import mocapella
 from mocapella.errors import InputError, SettingsError
 from mocapella.library.study_views import study_views
+from mocapella.model.study_log import StudyLog, StudyRow
 from mocapella.recording.study_log import read_study_log, write_study_log
 
 
@@ -35,6 +37,20 @@ def test_every_row_is_at_its_place_and_the_labels_are_of_its_time(frames: int, s
         assert found.labels[int(found.runs[frame])]["scenario"] == scenario
     assert len(found) == len(log)
     assert (np.diff(found.times_s) > 0).all()
+
+
+@given(st.lists(study_rows(), min_size=1, max_size=4), st.booleans())
+def test_any_log_gives_motion_or_one_of_our_errors(rows: list[StudyRow], possible: bool) -> None:
+    if possible:  # random times are hardly ever
+        times: dict[str, int] = {"tracker_time_ms": NOON_MS, "skeleton_time_ticks": 5, "person_id": 3}
+        rows = [msgspec.structs.replace(row, **times) for row in rows]
+    columns = {name: np.array([getattr(row, name) for row in rows]) for name in StudyRow.__struct_fields__}
+    try:
+        found = study_views(StudyLog(source="log.csv", **columns))
+    except (InputError, SettingsError):
+        return
+    assert len(found) == 1
+    assert set(found.runs.tolist()) == {0}
 
 
 def test_the_times_are_of_one_clock_and_of_its_date() -> None:

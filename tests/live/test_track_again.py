@@ -204,6 +204,14 @@ def test_each_run_has_a_tracker_of_its_own_and_keeps_its_recalibrations(tmp_path
     assert [command.before_step for command in new.commands()] == [100]
     assert len(list(new.scenes(1))) == len(arrivals()) - 150
     assert replays_alike(tmp_path / "b.mcap")
+    tracked: list[int] = []
+    recording = open_recording(tmp_path / "a.mcap", Changes(settings={"frames": 25}))
+    runs = recording.runs_to_track()
+    wrong = replace(runs[1], info=replace(runs[1].info, method_settings={"frames": 0}))
+    with pytest.raises(SettingsError, match="frames"):
+        track_again(recording, [runs[0], wrong], lambda run, scene: tracked.append(run), tmp_path / "c.mcap")
+    assert tracked == []
+    assert not (tmp_path / "c.mcap").exists()
 
 
 def test_what_the_recording_lacks_counts_as_lost_and_other_entries_are_kept(tmp_path: Path) -> None:

@@ -87,6 +87,20 @@ def test_between_two_tracked_frames_the_clocks_offset_is_linear() -> None:
     assert times == [number * STEP + 100 * number for number in range(5)]
 
 
+@given(st.lists(st.integers(-(2**63), 2**63 - 1), min_size=2, max_size=4, unique=True), st.integers(0, 2))
+def test_no_number_of_a_crafted_take_is_too_large(times: list[int], tracked: int) -> None:
+    frames = [FrameRef(Ref(0, 0, 0, -at), "front", 1, k, at, 0) for k, at in enumerate(times)]
+    index = index_of(frames, [])
+    index.scenes = [
+        SceneRef(one.ref, 0, 2**64 - 1 - k, -(2**63), "front", 1, k) for k, one in enumerate(frames[:tracked])
+    ]
+    events = list(raw_order(index, 0, [Command(2**64 - 1, -(2**63), {})]))
+    assert len(events) == len(frames) + 1
+    assert all(abs(event.at_ns) <= 2**63 for event in events if isinstance(event, TimedFrame))
+    untracked = [event.at_ns for event in events if isinstance(event, TimedFrame) and event.frame in frames[tracked:]]
+    assert all(abs(at_ns) <= 2**62 for at_ns in untracked)
+
+
 def test_a_frame_belongs_to_the_run_of_its_scene_or_else_to_that_in_which_it_was_stored() -> None:
     frames = [frame("front", 0), frame("front", 1), frame("front", 2, run=1)]
     index = index_of(frames, [frames[0]], run=1)

@@ -14,10 +14,9 @@ from mocapella.recording.take_origin import TakeOrigin, sha256_of
 from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_writer import TakeWriter
 
-ORIGIN = TakeOrigin(
-    "walk-1.mcap", "ab" * 32, "cd" * 16, "0.1.0",
-    {"method": "stand-still", "settings": {"people": {"smoothing": "kalman"}, "rig": "x" * 99 + "\ny"}, "none": {}},
-)  # fmt: skip
+SETTINGS = {"people": {"smoothing": "kalman"}, "rig": "x" * 99 + "\ny\n", "hand": "h" * 99}
+CHANGES = {"method": "stand-still", "settings": SETTINGS, "none": {}}
+ORIGIN = TakeOrigin("walk-1.mcap", "ab" * 32, "cd" * 16, "0.1.0", CHANGES)
 
 
 def test_the_checksum_is_of_all_files_in_their_order(tmp_path: Path) -> None:
@@ -35,7 +34,8 @@ def test_it_is_one_line_that_names_the_changes() -> None:
     assert text.startswith(
         "tracked again from walk-1.mcap (take cdcdcdcd, SHA-256 abababababababab…): method stand-still"
     )
-    assert "; people.smoothing kalman; rig xxx" in text
+    assert "; people.smoothing kalman; rig of 2 lines; hand hhh" in text
+    assert "h…; none {}" in text
     assert "\n" not in text
     assert len(text) < 250
     assert str(TakeOrigin("log.csv", "ab" * 32)).endswith("log.csv (SHA-256 abababababababab…): nothing changed")

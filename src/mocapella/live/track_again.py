@@ -8,7 +8,7 @@ tracked, also frames that the recorded tracker skipped, or received while it was
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -171,7 +171,7 @@ class TrackedAgain:
 
 
 def track_runs(
-    runs: Iterable[RunToTrack], on_scene: Callable[[int, Scene], None], take: NewTake | None = None
+    runs: Sequence[RunToTrack], on_scene: Callable[[int, Scene], None], take: NewTake | None = None
 ) -> TrackedAgain:
     """Track runs, one after the other, each with a new tracker; write them to a take.
 
@@ -185,12 +185,18 @@ def track_runs(
         RecordingError: the take cannot be written.
     """
     found = TrackedAgain()
-    for number, run in enumerate(runs):
-        tracking = _Tracking(run, lambda scene, number=number: on_scene(number, scene), take)  # type: ignore[misc]
+    sessions = [_session(run) for run in runs]  # an invalid setting of any run is refused before the first is tracked
+    for number, (run, session) in enumerate(zip(runs, sessions, strict=True)):
+        tracking = _Tracking(run, session, lambda scene, number=number: on_scene(number, scene), take)  # type: ignore[misc]
         replay(tracking.session, tracking.events(), tracking.scene, found.summary, found.problems.append)
         found.last = tracking.session.state
         found.unusable.update(tracking.session.unusable)
     return found
+
+
+def _session(run: RunToTrack) -> Session:
+    keeps = METHODS.find(run.info.method).keeps_layout
+    return Session(run.info.setup, run.info.method_settings, layout=run.layout if keeps else None)
 
 
 class _Tracking:
@@ -200,9 +206,10 @@ class _Tracking:
     ``restore`` with the tracker's memory, as in a live recording.
     """
 
-    def __init__(self, run: RunToTrack, on_scene: Callable[[Scene], None], take: NewTake | None) -> None:
-        keeps = METHODS.find(run.info.method).keeps_layout
-        self.session = Session(run.info.setup, run.info.method_settings, layout=run.layout if keeps else None)
+    def __init__(
+        self, run: RunToTrack, session: Session, on_scene: Callable[[Scene], None], take: NewTake | None
+    ) -> None:
+        self.session = session
         self._run, self._on_scene, self._take = run, on_scene, take
         self._log_ns = run.info.started_ns
         self._scene: Scene | None = None

@@ -6,14 +6,19 @@ states their capture times on the server's clock.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from itertools import accumulate
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from mocapella.recording.take import Command
 from mocapella.recording.take_index import TakeIndex
 from mocapella.recording.take_refs import FrameRef, SceneRef
+
+LARGEST_NS: Final = 2**62
+"""Largest time that a frame without a scene gets, before and after 0; it fits into a message [ns]."""
 
 
 class TimedFrame(NamedTuple):
@@ -43,8 +48,8 @@ def raw_order(index: TakeIndex, run: int, commands: Sequence[Command]) -> Iterat
         for frame in index.frames
         if frame.run == run and (frame.sensor, frame.node_id, frame.sequence) not in tracked
     ]
-    times = np.maximum.accumulate(np.array([scene.at_ns for scene, _ in scenes], dtype=np.int64)).tolist()
-    steps = np.maximum.accumulate(np.array([scene.step for scene, _ in scenes], dtype=np.int64))
+    times = list(accumulate((scene.at_ns for scene, _ in scenes), max))
+    steps = list(accumulate((scene.step for scene, _ in scenes), max))
     # An event's place is its time, and within a time the number of tracked frames before it.
     events: list[tuple[tuple[int, int, int], Command | TimedFrame]] = [
         ((time, k, 1), TimedFrame(frame, scene.at_ns))
@@ -54,7 +59,7 @@ def raw_order(index: TakeIndex, run: int, commands: Sequence[Command]) -> Iterat
     events += [((timed.at_ns, len(scenes), 1), timed) for timed in untracked]
     latest = times[-1] if times else 0
     for command in commands:
-        k = int(np.searchsorted(steps, command.before_step))
+        k = bisect_left(steps, command.before_step)
         latest = max(latest, command.log_ns)
         events.append(((times[k] if k < len(scenes) else latest, k, 0), command))
     events.sort(key=lambda event: event[0])  # stable
@@ -71,7 +76,8 @@ def _times(frames: Sequence[FrameRef], scenes: Sequence[tuple[SceneRef, FrameRef
         if (frame.sensor, frame.node_id) not in known:
             known[frame.sensor, frame.node_id] = [(0, _least_latency(frames, frame))]
     clocks = {node: _Clock(sorted(pairs)) for node, pairs in known.items()}
-    return [frame.time_ns + clocks[frame.sensor, frame.node_id].offset_ns(frame.time_ns) for frame in frames]
+    times = (frame.time_ns + clocks[frame.sensor, frame.node_id].offset_ns(frame.time_ns) for frame in frames)
+    return [min(max(at_ns, -LARGEST_NS), LARGEST_NS) for at_ns in times]
 
 
 def _least_latency(frames: Sequence[FrameRef], of: FrameRef) -> int:

@@ -44,8 +44,9 @@ def _texts(changes: Mapping[str, Any], within: str = "") -> list[str]:
         if isinstance(value, Mapping) and value:
             found += _texts(value, "" if name == "settings" else f"{within}{name}.")
         else:
-            text = str(value).partition("\n")[0]
-            found.append(f"{within}{name} {text if len(text) <= 40 else text[:39] + '…'}")
+            text = str(value)
+            shown = f"of {text.count(chr(10))} lines" if "\n" in text else text  # the text of a file
+            found.append(f"{within}{name} {shown if len(shown) <= 40 else shown[:39] + '…'}")
     return found
 
 
