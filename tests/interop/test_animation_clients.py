@@ -1,17 +1,16 @@
 """Blender imports our GLB, and usd-core our USD: the joints and the skin are where we put them.
 
-MOCAPELLA_INTEROP=1 uv run pytest tests/interop
+uv run --group interop pytest tests/interop
 """
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.animated_files import read_glb, read_usd
-from support.clients import read_by
+from support.clients import MARKS, read_by
 from support.humanoid_people import joints, observable_pose, people, world_rotations
 
 from mocapella.exports.glb_file import write_glb
@@ -22,10 +21,7 @@ from mocapella.model.humanoid_joints import JOINTS
 from mocapella.model.humanoid_motion import humanoid_motion
 from mocapella.model.trajectories import Trajectories
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not os.environ.get("MOCAPELLA_INTEROP"), reason="MOCAPELLA_INTEROP=1 tries other programs"),
-]
+pytestmark = MARKS
 FRAMES = 8
 EVERY_VERTEX = 50
 

@@ -1,20 +1,19 @@
 """Other programs read our files: Blender, OpenSim, movement, ezc3d and c3d, each in an environment of its own.
 
-MOCAPELLA_INTEROP=1 uv run pytest tests/interop
+uv run --group interop pytest tests/interop
 
 The first run downloads about a gigabyte. Each client prints the positions that it has read as JSON.
 """
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support.clients import read_by
+from support.clients import MARKS, read_by
 
 from mocapella.exports.bvh_file import write_bvh
 from mocapella.exports.c3d_file import write_c3d
@@ -25,10 +24,7 @@ from mocapella.model.rest_pose import rigid_motion, skeleton_of
 from mocapella.model.topology import topology
 from mocapella.model.trajectories import Trajectories
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not os.environ.get("MOCAPELLA_INTEROP"), reason="MOCAPELLA_INTEROP=1 tries other programs"),
-]
+pytestmark = MARKS
 KIND = topology("kinect_v2")
 FRAMES = 20
 

@@ -1,28 +1,24 @@
 """OpenSim scales our skeleton, solves inverse kinematics on our TRC, and finds our angles; it reads our MOT and STO.
 
-MOCAPELLA_INTEROP=1 uv run pytest tests/interop/test_opensim.py -m slow
+uv run --group interop pytest tests/interop/test_opensim.py -m slow
 """
 
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.clients import read_by
+from support.clients import MARKS, read_by
 from support.posed_person import HALPE, KINECT, LENGTHS, person, points_of
 
 from mocapella.exports.opensim_folder import write_opensim
 from mocapella.exports.storage_file import COORDINATES, PELVIS, write_sto
 from mocapella.model.trajectories import Trajectories
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not os.environ.get("MOCAPELLA_INTEROP"), reason="MOCAPELLA_INTEROP=1 tries other programs"),
-]
+pytestmark = MARKS
 FRAMES = 90
 PACKAGES = ["opensim>=4.6"]
 SCALE_AND_SOLVE = """

@@ -1,25 +1,21 @@
 """The library rosbags reads our bag, by its folder, with its own definitions of the types.
 
-MOCAPELLA_INTEROP=1 uv run pytest tests/interop/test_rosbags.py -m slow
+uv run --group interop pytest tests/interop/test_rosbags.py -m slow
 """
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.clients import read_by
+from support.clients import MARKS, read_by
 from support.posed_person import person, points_of
 
 from mocapella.exports.rosbag2 import R_ROS_WORLD, write_rosbag2
 from mocapella.model.joint_angles import JointAngles
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not os.environ.get("MOCAPELLA_INTEROP"), reason="MOCAPELLA_INTEROP=1 tries other programs"),
-]
+pytestmark = MARKS
 FRAMES = 20
 ROSBAGS = """
 import json, sys

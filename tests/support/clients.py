@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import pytest
+
+WANTED: Final = bool(os.environ.get("MOCAPELLA_INTEROP")) or importlib.util.find_spec("ezc3d") is not None
+"""Whether other programs are tried: with the group interop, or by this variable."""
+MARKS: Final = (
+    []
+    if WANTED
+    else [pytest.mark.slow, pytest.mark.skip(reason="uv run --group interop pytest tests/interop tries other programs")]
+)
 
 
 def read_by(folder: Path, program: str, packages: list[str], *arguments: str) -> list[dict[str, Any]]:
