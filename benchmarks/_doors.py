@@ -202,21 +202,23 @@ def _texts() -> list[Door]:
 
 
 def _files(folder: Path) -> list[Door]:
+    from mocapella.comparison.joint_names import read_joint_map
     from mocapella.fusion import facing_model, joint_bias
     from mocapella.library.study_views import read_study_views
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.model.space import load_space
     from mocapella.recording.bodies_file import joints_of_people, read_followed_people, read_json
     from mocapella.recording.body_csv import is_body_csv, read_body_csv
+    from mocapella.recording.bvh_file import read_bvh_joints
     from mocapella.recording.c3d_file import read_c3d
     from mocapella.recording.image_tracks_file import read_image_tracks
+    from mocapella.recording.keypoint_csv import is_keypoint_csv, read_csv_keypoints
     from mocapella.recording.measured_distances import read_measured_distances
     from mocapella.recording.point_recordings import read_point_recording
     from mocapella.recording.study_log import read_study_log
     from mocapella.recording.trc_file import read_trc
     from mocapella.sources.body_replay import BodyReplay
     from mocapella.sources.depth_files import read_depth_png, read_sidecar
-    from mocapella.sources.simulate.bvh import read_bvh
     from mocapella.sources.video import read_image, read_timestamps
 
     log = seeds.study_log(folder)
@@ -249,7 +251,11 @@ def _files(folder: Path) -> list[Door]:
         of_file("space alignments", folder / "space.toml", [seeds.SPACE], load_space, TEXT),
         of_file("depth sidecars", folder / "depth.toml", [b"unit_m = 0.001\nlens = [500.0, 320.0, 240.0]\n"],
                  read_sidecar, TEXT),
-        of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh, TEXT),
+        of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh_joints, TEXT),
+        of_file("keypoint tables", folder / "people.csv", [seeds.KEYPOINTS, seeds.MARKERS, seeds.azure_table()],
+                 lambda path: (is_keypoint_csv(path), read_csv_keypoints(path)), TEXT),
+        of_file("joint maps", folder / "map.toml", [b'Head = "TOP"\nKneeLeft = { LKNE = 0.5, LKNM = 0.5 }\n'],
+                 read_joint_map, TEXT),
         of_file("C3D", folder / "walk.c3d", [seeds.c3d(folder)], read_c3d, BYTES),
         of_file("TRC", folder / "walk.trc", [seeds.TRC], read_trc, TEXT),
         of_file("facing models", folder / "facing.json", [seeds.shipped("facing.json")],

@@ -32,6 +32,15 @@ version = 1
 space = "vr"
 rows = [[1.0, 0.0, 0.0, 0.5], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
 """
+KEYPOINTS: Final = b"""time_s,run,individual,keypoint,state,x_m,y_m,z_m,sd_m
+0.0,0,anna,head,measured,1.0,2.0,3.0,0.01
+0.0,0,anna,foot,unknown,,,,
+0.1,1,anna,head,inferred,1.0,2.0,3.0,
+"""
+MARKERS: Final = b"""head (x);head (y);head (z)
+0;1500;0
+10;1500;0
+"""
 BVH: Final = b"""HIERARCHY
 ROOT hip
 {

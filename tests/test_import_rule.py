@@ -37,21 +37,23 @@ MAY_IMPORT: dict[str, set[str]] = {
     "detectors": DETECTORS,
     "tracker": TRACKER,
     "sources": MODEL | {"schema", "sensing", "supervision"},
-    **{edge: MODEL | {"schema", "supervision"} for edge in EDGES - {"sources"}},
+    "comparison": MODEL,
+    **{edge: MODEL | {"schema", "supervision"} for edge in EDGES - {"sources", "exports"}},
+    "exports": MODEL | {"schema", "supervision", "comparison"},
     "viewer": MODEL,
-    "evaluation": TRACKER | DETECTORS | {"recording", "sources"},
+    "evaluation": TRACKER | DETECTORS | {"recording", "sources", "comparison"},
     "studies": TRACKER | {"recording", "schema"},
     "live": TRACKER | DETECTORS | EDGES | LIVE,
     "cli": TRACKER
     | DETECTORS
     | EDGES
-    | {"schema", "viewer", "studies", "evaluation", "live", "library", "supervision"},
-    "library": TRACKER | EDGES | {"schema", "supervision", "live"},
+    | {"schema", "viewer", "studies", "evaluation", "live", "library", "supervision", "comparison"},
+    "library": TRACKER | EDGES | {"schema", "supervision", "live", "comparison"},
     "testing": TRACKER | {"schema", "sources", "wire"},
 }
 """Which rooms a room may import, beside itself; none may import `testing`. `docs/decisions/0001-rooms.md` says why."""
 
-PURE = {"geometry", "model", *STAGES, "detectors", "tracker", "evaluation"}
+PURE = {"geometry", "model", *STAGES, "detectors", "tracker", "evaluation", "comparison"}
 IMPURE_MODULES = {"asyncio", "threading", "socket", "time", "multiprocessing", "subprocess"}
 DECODES_IMAGES = {"sensing", "sources"}
 

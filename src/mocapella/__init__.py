@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from mocapella.library.angle_tracks import AngleTracks
     from mocapella.library.calibration import calibrate
+    from mocapella.library.comparing import Comparison, compare
     from mocapella.library.live import connect
     from mocapella.library.motion_tracks import MotionTracks
     from mocapella.library.recording import Recording, load
@@ -26,11 +27,13 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "AngleTracks",
+    "Comparison",
     "MotionTracks",
     "Recording",
     "TriangulatedPoints",
     "__version__",
     "calibrate",
+    "compare",
     "connect",
     "load",
     "track",
@@ -39,10 +42,12 @@ __all__ = [
 
 _HOMES = {
     "AngleTracks": "mocapella.library.angle_tracks",
+    "Comparison": "mocapella.library.comparing",
     "MotionTracks": "mocapella.library.motion_tracks",
     "Recording": "mocapella.library.recording",
     "TriangulatedPoints": "mocapella.library.triangulation",
     "calibrate": "mocapella.library.calibration",
+    "compare": "mocapella.library.comparing",
     "connect": "mocapella.library.live",
     "load": "mocapella.library.recording",
     "track": "mocapella.library.tracking",

@@ -39,6 +39,7 @@ VERBS = [
     ["calibrate", "space"],
     ["track", "arm"],
     ["replay"],
+    ["compare"],
     ["record"],
     ["export", "study-log"],
     ["export", "csv"],

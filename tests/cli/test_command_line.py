@@ -16,7 +16,7 @@ from mocapella.cli.serve import ServeKeys
 from mocapella.detectors import DETECTORS
 from mocapella.tracker.method import METHODS
 
-MOST_COMMANDS = 13
+MOST_COMMANDS = 14
 MOST_OPTIONS = 12
 DEFAULTS_DIFFER = {
     "--listen": "each protocol has its own port",

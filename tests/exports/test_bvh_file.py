@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from mocapella.errors import SettingsError
 from mocapella.exports.bvh_file import CM_PER_M, write_bvh
 from mocapella.geometry.bone_rotations import posed
+from mocapella.model.bvh import read_bvh
 from mocapella.model.rest_pose import RigidSkeleton, rigid_motion, skeleton_of
 from mocapella.model.topology import topology
 from mocapella.model.trajectories import Trajectories
-from mocapella.sources.simulate.bvh import read_bvh
 
 KIND = topology("kinect_v2")
 FRAMES = 25

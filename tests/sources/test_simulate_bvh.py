@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import InputError, SettingsError
+from mocapella.model.bvh import parse_bvh, read_bvh
 from mocapella.sources.simulate import load_scene
 from mocapella.sources.simulate.body import BODY, JOINT, facing, joint_positions
-from mocapella.sources.simulate.bvh import parse_bvh, read_bvh
 from mocapella.sources.simulate.retarget import bvh_motion, joint_columns
 from mocapella.sources.simulate.scenarios import STILL_S
 

@@ -16,12 +16,12 @@ from mocapella.errors import SettingsError
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.model.body_meshes import body_mesh
+from mocapella.model.bvh import read_bvh
 from mocapella.model.rigged_mesh import landmarks_at, posed
 from mocapella.model.twist_tree import TreePose
 from mocapella.sources.simulate import body_paint_kernels
 from mocapella.sources.simulate.body_motion import body_motion, motion_names, turned
 from mocapella.sources.simulate.body_paint import cell_m, make_cast, painted, stand
-from mocapella.sources.simulate.bvh import read_bvh
 from mocapella.sources.simulate.bvh_body import body_angles, body_motion_of
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.outfits import OUTFITS, Garment, Outfit, dressed, make_outfit, outfit_names

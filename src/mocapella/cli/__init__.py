@@ -80,6 +80,7 @@ def import_commands() -> None:
         arm,
         calibrate,
         colours,
+        compare,
         demo,
         depth,
         depth_lines,

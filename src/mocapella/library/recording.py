@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from mocapella.errors import InputError, SettingsError
+from mocapella.errors import SettingsError
 from mocapella.library.motion_tracks import MotionTracks, MotionView
 from mocapella.library.study_views import read_study_views
 from mocapella.library.tracked_scenes import TrackedScenes
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
-from mocapella.recording.bodies_trajectories import read_bodies
-from mocapella.recording.c3d_file import read_c3d
-from mocapella.recording.disk import SUFFIX
-from mocapella.recording.take_reader import Take, read_take
+from mocapella.recording.body_csv import is_body_csv
+from mocapella.recording.keypoint_csv import is_keypoint_csv
+from mocapella.recording.take_reader import Take
 from mocapella.recording.take_trajectories import labels_of, take_trajectories, timed_scenes
-from mocapella.recording.trc_file import read_trc
-
-READERS: Final[Mapping[str, Callable[[Path], Trajectories]]] = {
-    ".trc": read_trc,
-    ".c3d": read_c3d,
-    ".json": read_bodies,
-    ".csv": read_study_views,
-    ".gz": read_study_views,
-}
-"""Readers of files with trajectories of one kind, by suffix; .csv and .csv.gz are study logs."""
+from mocapella.recording.trajectory_files import open_trajectories
 
 
 class Recording:
@@ -55,32 +45,32 @@ class Recording:
     @property
     def people(self) -> MotionTracks | None:
         """The fused people; None if the recording has none."""
-        return self._all.get("people")
+        return self.motion.get("people")
 
     @property
     def hands(self) -> MotionTracks | None:
         """The hands; None if the recording has none."""
-        return self._all.get("hands")
+        return self.motion.get("hands")
 
     @property
     def arms(self) -> MotionTracks | None:
         """The arms that depth cameras see; None if the recording has none."""
-        return self._all.get("arms")
+        return self.motion.get("arms")
 
     @property
     def bodies(self) -> MotionTracks | None:
         """The bodies fitted to silhouettes; None if the recording has none."""
-        return self._all.get("bodies")
+        return self.motion.get("bodies")
 
     @property
     def objects(self) -> MotionTracks | None:
         """The rigid objects; None if the recording has none."""
-        return self._all.get("objects")
+        return self.motion.get("objects")
 
     @property
     def points(self) -> MotionTracks | None:
         """The named 3D points, such as the markers of a TRC or C3D; None if the recording has none."""
-        return self._all.get("points")
+        return self.motion.get("points")
 
     @cached_property
     def views(self) -> MotionTracks | None:
@@ -146,9 +136,9 @@ class Recording:
         Raises:
             SettingsError: it has none, or as in `MotionTracks.show`.
         """
-        if not self._all:
+        if not self.motion:
             raise SettingsError(f"{self.path.name} has no motion that could be shown")
-        return next(iter(self._all.values())).show(height_px)
+        return next(iter(self.motion.values())).show(height_px)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the tracker's results one by one, with everything in them; none for a file of trajectories."""
@@ -158,7 +148,8 @@ class Recording:
             yield from (scene for _, _, scene in timed_scenes(self.take))
 
     @cached_property
-    def _all(self) -> dict[str, MotionTracks]:
+    def motion(self) -> dict[str, MotionTracks]:
+        """All motion by kind, such as ``people``."""
         found = self._trajectories(tuple(PARTS))
         return {kind: MotionTracks.of_file(some, str(self.path)) for kind, some in found.items()}
 
@@ -171,7 +162,7 @@ class Recording:
 
     def _shown(self) -> dict[str, MotionTracks]:
         views = self.views if VIEWS in self._given else None
-        return self._all if views is None else {**self._all, VIEWS: views}
+        return self.motion if views is None else {**self.motion, VIEWS: views}
 
     def __repr__(self) -> str:
         lines = [f"<Recording {self.path.name}: {self.seconds:.1f} s"]
@@ -191,29 +182,25 @@ class Recording:
         )
 
 
-def load(path: Path | str) -> Recording:
-    """Open a recording: a take (.mcap), a study log (.csv), a result of silhouette tracking (.json), .trc or .c3d.
+def load(path: Path | str, *, unit: str | None = None) -> Recording:
+    """Open a recording: a take (.mcap), a result of silhouette tracking (.json), or a file of points or joints.
 
-    What is damaged in a take is left out, and named in `Recording.problems`.
+    These are .trc, .c3d, .bvh, and .csv: a study log, a table of ``mocapella export csv``, one sensor's bodies, or
+    markers in millimetres. What is damaged in a take is left out, and named in `Recording.problems`.
+
+    Args:
+        path: the file; the suffix of a take may be left out.
+        unit: unit of a BVH, which does not state it: m, dm, cm, mm or in; None for cm.
 
     Raises:
-        InputError: the file is missing, or of another type; names the types.
+        InputError: the file is missing, damaged, or of another type; names the types.
+        SettingsError: the unit is unknown, or the file is no BVH.
         SchemaVersionError: the take was made with another message schema.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix in READERS:
-        found = READERS[suffix](path)
-        return Recording(path, None, {found.kind: found}, has_frames=found.kind == VIEWS)
-    if suffix != SUFFIX and path.with_name(path.name + SUFFIX).is_file():
-        path = path.with_name(path.name + SUFFIX)
-    elif suffix != SUFFIX and not path.exists():
-        raise InputError(
-            "there is no such file", file=path, fix=f"name a file that is there, such as {path.name}{SUFFIX}"
-        )
-    elif suffix != SUFFIX:
-        known = ", ".join((SUFFIX, *READERS))
-        raise InputError("is no recording that can be loaded", file=path, fix=f"give a file that ends with {known}")
-    take = read_take(path)
-    take.skips = True
-    return Recording(path, take)
+    if path.name.lower().endswith((".csv", ".csv.gz")) and path.is_file() and not is_keypoint_csv(path):
+        return Recording(path, None, {VIEWS: read_study_views(path)}, has_frames=True)
+    file, found = open_trajectories(path, unit)
+    if isinstance(found, Take):
+        return Recording(file, found)
+    return Recording(file, None, {found.kind: found}, has_frames=is_body_csv(file))

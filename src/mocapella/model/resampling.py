@@ -72,7 +72,7 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
     known = np.all(np.isfinite(old.positions), axis=3)
     for i in range(people):
         for k in range(points):
-            between = _Between.of(old.times_s, known[:, i, k], times, longest_gap_s)
+            between = Between.of(old.times_s, known[:, i, k], times, longest_gap_s)
             if between is None:
                 continue
             to = between.to
@@ -80,11 +80,11 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
             sd[to, i, k] = between.mixed(old.sd[:, i, k])
             states[to, i, k] = between.least(old.states[:, i, k])
         for k in range(len(old.angle_names)):
-            between = _Between.of(old.times_s, np.isfinite(old.angles[:, i, k]), times, longest_gap_s)
+            between = Between.of(old.times_s, np.isfinite(old.angles[:, i, k]), times, longest_gap_s)
             if between is not None:
                 angles[between.to, i, k] = between.mixed(old.angles[:, i, k])
         if poses is not None and old.poses is not None:
-            between = _Between.of(old.times_s, np.isfinite(old.poses[:, i, 0, 0]), times, longest_gap_s)
+            between = Between.of(old.times_s, np.isfinite(old.poses[:, i, 0, 0]), times, longest_gap_s)
             if between is not None:
                 poses[between.to, i] = between.posed(old.poses[:, i], old.times_s, times)
     runs = old.runs[np.searchsorted(old.times_s, times, side="right") - 1] if count else old.runs[:0]
@@ -94,7 +94,7 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
     )  # fmt: skip
 
 
-class _Between:
+class Between:
     """The known samples before and after each time of a grid, where they are near enough.
 
     Attributes:
@@ -107,7 +107,15 @@ class _Between:
         self.to, self.before, self.after, self.share = to, before, after, share
 
     @staticmethod
-    def of(at_s: Float64, known: NDArray[np.bool_], times: Float64, longest_gap_s: float) -> _Between | None:
+    def of(at_s: Float64, known: NDArray[np.bool_], times: Float64, longest_gap_s: float) -> Between | None:
+        """Find the known samples around other times; None if there is no such time.
+
+        Args:
+            at_s: (samples,) times, rising [s].
+            known: (samples,) whether a sample is known.
+            times: (times,) the other times [s].
+            longest_gap_s: longest time between the two samples [s].
+        """
         samples = np.flatnonzero(known)
         if not len(samples):
             return None
@@ -119,16 +127,19 @@ class _Between:
         inside = exact | ((own[before] <= times) & (times <= own[after]) & (span <= longest_gap_s * (1 + 1e-9)))
         to = np.flatnonzero(inside)
         share = np.where(span > 0, (times - own[before]) / np.where(span > 0, span, 1.0), 0.0)[to]
-        return _Between(to, samples[before[to]], samples[after[to]], share) if len(to) else None
+        return Between(to, samples[before[to]], samples[after[to]], share) if len(to) else None
 
     def mixed(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Interpolate values (samples, …) linearly."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray(values[self.before] * (1 - share) + values[self.after] * share)
 
     def least(self, states: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the less certain state of the two samples."""
         return np.minimum(states[self.before], states[self.after])
 
     def posed(self, poses: Float64, at_s: Float64, times: Float64) -> Float64:
+        """Interpolate rigid motions (samples, 4, 4) at ``times`` on the shortest rotation."""
         out = np.empty((len(self.to), 4, 4))
         out[:] = np.eye(4)
         out[:, :3, 3] = self.mixed(poses[:, :3, 3])

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.geometry.rigid import rotation_about_x
+from mocapella.model.bvh import Bvh
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.settings import check
 from mocapella.sources.simulate.body_motion import GRID_HZ, BodyMotion, smoothed, splined
-from mocapella.sources.simulate.bvh import Bvh
 from mocapella.sources.simulate.retarget import joint_columns
 
 Float64 = NDArray[np.float64]

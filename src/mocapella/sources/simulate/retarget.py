@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from mocapella.decoding import own_toml
 from mocapella.errors import InputError
 from mocapella.geometry.rigid import rotation_about_y
+from mocapella.model.bvh import Bvh
 from mocapella.settings import check
 from mocapella.sources.simulate.body import BODY, JOINT, ROOT, body_template, bone_lengths, facing, joint_positions
-from mocapella.sources.simulate.bvh import Bvh
 from mocapella.sources.simulate.gait import animate
 from mocapella.sources.simulate.motion import POSE_HZ, Motion, normalised, smooth_step
 from mocapella.sources.simulate.route import Point, Route, Spot

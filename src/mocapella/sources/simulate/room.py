@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.model.bvh import read_bvh
 from mocapella.model.topology import Topology, topology
 from mocapella.settings import check
 from mocapella.sources.simulate.body import bone_lengths
-from mocapella.sources.simulate.bvh import read_bvh
 from mocapella.sources.simulate.device import SensorSettings
 from mocapella.sources.simulate.gait import animate
 from mocapella.sources.simulate.motion import Ensemble, Motion, together

@@ -306,7 +306,7 @@ def _somebody(rng: np.random.Generator, sex: Sex | None = None, height_m: float 
 def _motion(name: str, mesh: RiggedMesh, seconds: float | None, seed: int, bvh: Path | str | None) -> BodyMotion:
     if bvh is None:
         return body_motion(name, mesh, seconds, seed)
-    from mocapella.sources.simulate.bvh import read_bvh
+    from mocapella.model.bvh import read_bvh
     from mocapella.sources.simulate.bvh_body import body_motion_of
 
     file = read_bvh(bvh)

@@ -38,6 +38,7 @@ class BvhJoint:
         offset: (3,) position relative to the parent, in the file's unit.
         channels: names of its channels, in the file's order.
         first_channel: column of its first channel in `Bvh.channels`.
+        is_end: whether it is an end site.
     """
 
     name: str
@@ -45,6 +46,7 @@ class BvhJoint:
     offset: tuple[float, float, float]
     channels: tuple[str, ...]
     first_channel: int
+    is_end: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +196,7 @@ def _read_one(reader: _Reader, joints: list[BvhJoint], parent: int, keyword: str
         reader.fail(f"more than {_MOST_JOINTS} joints", fix="give a file of one person")
     end = keyword == "END"
     if end:
-        if joints[parent].name.endswith(" end"):
+        if joints[parent].is_end:
             reader.fail("an end site inside an end site", fix="give a BVH file")
         reader.expect("Site")
         reader.name()
@@ -207,7 +209,7 @@ def _read_one(reader: _Reader, joints: list[BvhJoint], parent: int, keyword: str
     reader.expect("OFFSET")
     offset = (reader.number("OFFSET x"), reader.number("OFFSET y"), reader.number("OFFSET z"))
     first = sum(len(joint.channels) for joint in joints)
-    joints.append(BvhJoint(name, parent, offset, () if end else _read_channels(reader), first))
+    joints.append(BvhJoint(name, parent, offset, () if end else _read_channels(reader), first, end))
     return len(joints) - 1
 
 
