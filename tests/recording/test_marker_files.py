@@ -202,6 +202,18 @@ def test_parameters_without_an_end_are_read(tmp_path: Path) -> None:
     assert len(read_c3d(tmp_path / "b.c3d")) == 3
 
 
+def test_parameters_that_say_that_they_are_the_last_are(tmp_path: Path) -> None:
+    data = bytearray(c3d_bytes(tmp_path))
+    at = 512 + 4
+    while data[at]:
+        last, length = at, struct.unpack_from("b", data, at)[0]
+        at += 2 + abs(length)
+        at += struct.unpack_from("<h", data, at)[0]
+    struct.pack_into("<h", data, last + 2 + data[last], 0)
+    (tmp_path / "b.c3d").write_bytes(bytes(data))
+    assert len(read_c3d(tmp_path / "b.c3d")) == 3
+
+
 @pytest.mark.parametrize(
     ("damage", "why"),
     [

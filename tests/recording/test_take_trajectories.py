@@ -107,6 +107,19 @@ def test_people_of_one_scene_are_kept_apart(tmp_path: Path, names: list[tuple[in
 
 
 @pytest.mark.usefixtures("fast")
+def test_an_unusual_scene_is_read_by_protobuf(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    group = b"\xab\x01\xac\x01"  # an empty group, which no schema of ours has
+    for k in range(3):
+        one = scene(k, "front", k).with_parts(people=(person(1, k, name="anna", with_sd=True),))
+        write_frame(writer, "front", k, k * STEP)
+        writer.write_scene(encode_scene(one) + (group if k == 1 else b""), k * STEP)
+    writer.close()
+    people = take_trajectories(read_take(tmp_path / "a.mcap"))["people"]
+    assert (people.individuals, len(people)) == (("anna",), 3)
+
+
+@pytest.mark.usefixtures("fast")
 def test_more_names_than_the_fast_way_can_tell_apart_are_read(tmp_path: Path) -> None:
     take = make(tmp_path / "a.mcap", [[(k, f"name {k}", True)] for k in range(300)])
     assert len(take_trajectories(take)["people"].individuals) == 300

@@ -181,10 +181,6 @@ class SceneTable(_Table):
     def __iter__(self) -> Iterator[SceneRef]:
         return map(self._ref, self._lists())
 
-    def of_run(self, run: int) -> Iterator[SceneRef]:
-        """Yield the scenes of one run."""
-        return (scene for scene in self if scene.run == run)
-
     def _ref(self, row: list[int]) -> SceneRef:
         part, offset, length, log_ns, sensor, node_id, sequence, run, step, at_ns = row
         ref, name = Ref(part, offset, length, log_ns & _UNSIGNED), self._sensors.names[sensor]
