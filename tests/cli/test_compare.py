@@ -81,6 +81,9 @@ def test_the_terminal_names_the_corrections(files: Path) -> None:
         (("ours.csv", "none.c3d"), "cannot be read"),
         (("ours.csv", "marks.trc", "--pairs", "ben=marks"), "no 'ben' among people; known: anna"),
         (("ours.csv", "marks.trc", "--report", "r.pdf"), "end its name with .html"),
+        (("ours.csv", "marks.trc", "--plot", "old.png"), "old.png exists; add --force"),
+        (("ours.csv", "marks.trc", "--report", "r.html", "--curves", "./r.html"), "name the same file"),
+        (("log.csv", "marks.trc"), "log.csv: is a study log, which has no results; make a take of it with"),
         (("ours.csv", "marks.trc", "--bvh-unit", "mm"), "marks.trc is no BVH"),
         (("ours.csv", "marks.trc", "--map", "none.toml"), "cannot be read"),
         (("ours.csv", "short.trc", "--report", "r.html", "--curves", "c.csv"), "the reference is too short"),
@@ -88,6 +91,8 @@ def test_the_terminal_names_the_corrections(files: Path) -> None:
 )
 def test_a_refusal_is_one_line_and_leaves_nothing(files: Path, words: tuple[str, ...], why: str) -> None:
     write_trc(motion(100.0).at(slice(0, 10)), files / "short.trc")
+    (files / "old.png").write_bytes(b"old")
+    (files / "log.csv").write_text("Tracker_Time,Person_Id\n1,2\n")
     before = sorted(files.iterdir())
     done = run_here(files, "compare", *words)
     assert done.returncode == 1

@@ -121,6 +121,13 @@ def test_measured_and_inferred_samples_are_scored_apart() -> None:
     assert total[0] == total[1] + total[2]
 
 
+def test_samples_that_the_reference_infers_are_not_measured() -> None:
+    ours, theirs, *_ = pair(7)
+    found = compared({"people": ours}, {"people": replace(theirs, states=np.minimum(theirs.states, 1))})
+    assert found.positions("measured") == {}
+    assert found.positions("inferred")
+
+
 def test_people_are_matched_by_their_motion_or_by_the_user() -> None:
     ours, theirs, *_ = pair(3, people=2)
     theirs = replace(theirs.of(["person_1", "person_0"]), individuals=("anna", "ben"))
@@ -353,3 +360,5 @@ def test_stated_angles_are_compared_on_the_circle() -> None:
     assert found.angle_names[0] == "bend"
     assert found.angle_agreement()["bend"].bias[0] == pytest.approx(0.1, abs=0.01)
     assert found.all_angles("measured") is not None
+    inferred = replace(sides[0], states=np.minimum(sides[0].states, 1))
+    assert "bend" not in compared({"people": inferred}, {"people": sides[1]}).angle_agreement("measured")

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from support.posed_person import person, points_of
 
 from mocapella.exports.ros_messages import definition
-from mocapella.exports.rosbag2 import FILE, R_ROS_WORLD, ros_name, write_rosbag2
+from mocapella.exports.rosbag2 import FILE, R_ROS_WORLD, ros_name, ros_names, write_rosbag2
 from mocapella.geometry.rigid import rigid
 from mocapella.model.hand import ANGLES, LANDMARKS
 from mocapella.model.joint_angles import JointAngles
@@ -188,6 +188,13 @@ def test_nobody_is_an_empty_bag(tmp_path: Path) -> None:
 def test_names_become_parts_of_topics() -> None:
     for text, name in (("anna", "anna"), ("run1 person_1", "run1_person_1"), ("7", "_7"), ("", "_"), ("ö/~{", "____")):
         assert ros_name(text) == name
+
+
+@given(st.lists(st.text(max_size=3), max_size=6, unique=True))
+def test_different_names_stay_different(texts: list[str]) -> None:
+    names = ros_names(texts)
+    assert len(set(names)) == len(texts)
+    assert ros_names(["x y", "x_y", "x_y_2"]) == ("x_y", "x_y_2", "x_y_2_2")
 
 
 def test_a_hand_has_its_palm_and_its_own_angles(tmp_path: Path) -> None:

@@ -130,3 +130,9 @@ def test_netcdf_of_the_library_opens_in_xarray(take: Path, tmp_path: Path) -> No
     people.to_xarray().to_netcdf(tmp_path / "a.nc", engine="scipy")
     with needed("xarray").open_dataset(tmp_path / "a.nc", engine="scipy") as found:
         assert found.sizes["time"] == 60
+
+
+def test_a_unit_is_refused_for_a_study_log(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("Tracker_Time\n")
+    with pytest.raises(SettingsError, match=r"unit 'cm': log\.csv is no BVH"):
+        mocapella.load(tmp_path / "log.csv", unit="cm")

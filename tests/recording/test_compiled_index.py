@@ -23,6 +23,7 @@ from mocapella.recording.take_reader import read_take
 from mocapella.recording.take_refs import FrameTable, RowsRead, SensorNames
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_scene
+from mocapella.schema import mocapella_pb2 as pb
 
 
 def contents(path: Path, compiled: bool) -> object:
@@ -151,6 +152,15 @@ def test_a_frame_that_is_there_twice_and_a_step_back_are_told(tmp_path: Path) ->
         writer.write_scene(encode_scene(scene(min(k, 2), "front", 2 * k)), k)
     writer.close()
     check(tmp_path / "a.mcap")
+
+
+def test_a_sensor_of_another_alphabet_is_read(tmp_path: Path) -> None:
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    data = pb.BodyFrame(schema_version=1, sensor="küche", sequence=0).SerializeToString()
+    writer.write_frame(data, sensor="front", node_id=1, sequence=0, log_ns=1)
+    writer.close()
+    check(tmp_path / "a.mcap")
+    assert [one.sensor for one in take_index.index_take([tmp_path / "a.mcap"]).frames] == ["küche"]
 
 
 def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

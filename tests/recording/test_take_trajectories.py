@@ -16,6 +16,7 @@ from support.take_making import KIND, STEP, info, scene, write_frame
 
 from mocapella.model.scene import Person, TrackedObject
 from mocapella.model.trajectories import Trajectories
+from mocapella.recording import take_reader
 from mocapella.recording import take_trajectories as module
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.recording.take_trajectories import take_trajectories
@@ -104,6 +105,33 @@ def test_people_of_one_scene_are_kept_apart(tmp_path: Path, names: list[tuple[in
     people = take_trajectories(take)["people"]
     assert len(people.individuals) == len(names)
     assert people.present.all()
+
+
+def test_scenes_far_apart_are_read_without_what_is_between(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = make(tmp_path / "a.mcap", [[(1, "anna", True)]] * 12, runs=2)
+    everything = np.arange(take.scene_count)
+    wanted = [data[a : a + n] for _, data, begins, lengths in take.scene_blocks(everything)
+              for a, n in zip(begins.tolist(), lengths.tolist(), strict=True)]  # fmt: skip
+    assert len(wanted) == 24
+    for name, value in (("_GAP_BYTES", 0), ("_BYTES_AT_ONCE", 1)):
+        monkeypatch.setattr(take_reader, name, value)
+        blocks = list(take.scene_blocks(everything))
+        assert [data[a : a + n] for _, data, begins, lengths in blocks
+                for a, n in zip(begins.tolist(), lengths.tolist(), strict=True)] == wanted  # fmt: skip
+        assert len(blocks) > 12
+        assert sum(len(data) for _, data, _, _ in blocks) == sum(map(len, wanted))
+    assert list(take.scene_blocks(everything[:0])) == []
+
+
+@pytest.mark.usefixtures("fast")
+def test_a_run_whose_description_is_lost_has_no_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its capture times since 1970 are unknown; the other runs keep theirs."""
+    take = make(tmp_path / "a.mcap", [[(1, "anna", True)]] * 4, runs=2)
+    second = [run for run in take.runs if run.number == 1]
+    monkeypatch.setattr(type(take), "runs", property(lambda _: tuple(second)))
+    found = take_trajectories(take)["people"]
+    assert (len(found), set(found.runs.tolist())) == (4, {1})
+    assert found.began_unix_ns > 1e18
 
 
 @pytest.mark.usefixtures("fast")

@@ -76,8 +76,11 @@ def compare(
     from mocapella.exports.comparison_report import as_dict
     from mocapella.recording.trajectory_files import trajectories_in
 
-    for file in (report, curves):
-        if file is not None and os.path.lexists(file) and not force:
+    files = [file for file in (report, curves, plot) if file is not None]
+    if len({file.resolve() for file in files}) < len(files):
+        raise SettingsError("--report, --curves and --plot name the same file; give each its own")
+    for file in files:
+        if os.path.lexists(file) and not force:
             raise TakeExistsError(f"{file} exists; add --force to replace it, or name another file")
     chosen, matched = None if joint_map is None else read_joint_map(joint_map), pairs_of_text(pairs)
     with working("comparing …", status=INTERRUPTED):
@@ -111,7 +114,8 @@ def _write_files(
             write_curves(found, part)
         say(f"curves in {curves}")
     if plot is not None:
-        save_figure(figure_of(found), plot)
+        with new_file(plot, force=True) as part:
+            save_figure(figure_of(found), part)
         say(f"plot in {plot}")
 
 

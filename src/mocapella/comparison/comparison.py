@@ -18,6 +18,7 @@ from mocapella.comparison.pairing import chosen_kinds, matched_people, paths_of
 from mocapella.errors import EvaluationError
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
+from mocapella.model.joint_angles import JointAngles
 from mocapella.model.observations import JointState
 from mocapella.model.resampling import LONGEST_GAP_FRAMES, LONGEST_GAP_S, Between
 from mocapella.model.trajectories import Trajectories
@@ -180,6 +181,9 @@ def _scored(
     x, states = _joints(ours, [one.ours for one in joints])
     y_all, y_states = _joints(theirs, [one.theirs for one in joints])
     y = _sampled(theirs.times_s, y_all, y_states > 0, at)
+    sure = np.isfinite(_sampled(theirs.times_s, np.where((y_states == JointState.TRACKED)[..., None], y_all, np.nan),
+                                y_states == JointState.TRACKED, at)).all(axis=3)  # fmt: skip
+    states = np.where(sure, states, np.minimum(states, np.uint8(JointState.INFERRED)))
     known = np.all(np.isfinite(x), axis=3) & np.all(np.isfinite(y), axis=3)
     if known.sum() < 2:
         raise EvaluationError("the recording and the reference have no known joints at a common time")
@@ -231,7 +235,9 @@ def _angles(
     other = theirs.angles[..., [theirs.angle_names.index(name) for name in stated]]
     circle = _sampled(theirs.times_s, np.stack([np.cos(other), np.sin(other)], axis=-1), np.isfinite(other), at)
     other = np.arctan2(circle[..., 1], circle[..., 0])
-    sure = np.where(np.isfinite(mine) & np.isfinite(other), np.uint8(JointState.TRACKED), np.uint8(0))
+    own_angles = JointAngles.of(ours, with_sd=False)
+    sure = own_angles.states[..., [own_angles.names.index(name) for name in stated]]
+    sure = np.where(np.isfinite(mine) & np.isfinite(other), sure, np.uint8(JointState.NOT_TRACKED))
     return (
         (*stated, *names), np.concatenate([mine, first], axis=-1), np.concatenate([other, second], axis=-1),
         np.concatenate([sure, flexed], axis=-1).astype(np.uint8),

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from mocapella.geometry.lens import project
 from mocapella.model.arms import ARM_JOINTS, ARM_POINTS, SeenArm, SeenArms
 from mocapella.model.names import as_cell
+from mocapella.model.observations import STATE_NAMES
 
 Float64 = NDArray[np.float64]
 
-STATES: Final = ("unknown", "inferred", "measured")
-"""Names of the values 0, 1 and 2 of `JointState` in the files."""
+STATES: Final = STATE_NAMES
 COLUMNS: Final = (
     "recording", "file", "time_s", "arm", "handedness", "handedness_sure", "gesture", "gesture_sure", "grabbing",
     "joint", "state", "x_m", "y_m", "z_m", "x_px", "y_px", "sd_m", "reason",

@@ -93,7 +93,7 @@ def _events(trajectories: Trajectories) -> list[bytes]:
 
     TIMES has minutes and seconds since the first frame.
     """
-    changes = [(frame, in_words(labels)) for frame, labels in label_changes(trajectories)][:MOST_EVENTS]
+    changes = [(frame, in_words(labels)) for frame, labels in label_changes(trajectories)[:MOST_EVENTS]]
     if not any(text for _, text in changes):
         return [_numbers(6, "USED", "h", 0)]
     times = [float(trajectories.times_s[frame] - trajectories.times_s[0]) for frame, _ in changes]

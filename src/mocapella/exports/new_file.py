@@ -43,4 +43,4 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
                 part.replace(path)
     except OSError as error:
         fix = "; name a file in a folder that exists" if isinstance(error, FileNotFoundError) else ""
-        raise SettingsError(f"--out {path}: {error.strerror or error}{fix}") from error
+        raise SettingsError(f"{path} cannot be written: {error.strerror or error}{fix}") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 from pathlib import Path
@@ -31,7 +31,6 @@ from mocapella.exports.ros_messages import (
     tf_message,
 )
 from mocapella.model.joint_angles import JointAngles
-from mocapella.model.names import distinct
 from mocapella.model.observations import JointState
 from mocapella.model.trajectories import ORIGIN, Trajectories
 
@@ -115,13 +114,14 @@ def _messages(
     own: Trajectories, angles: JointAngles | None, stamps: NDArray[np.int64]
 ) -> Iterator[tuple[str, str, int, bytes]]:
     """Yield topic, type, time [ns] and bytes of each message, in the order of time."""
-    names = tuple(map(ros_name, distinct(map(ros_name, own.individuals))))
+    names = ros_names(own.individuals)
+    joints = ros_names(own.keypoints)
     turns = None if own.poses is None else _quaternions(own.poses)
     bones = np.array(own.bones, dtype=np.int64).reshape(-1, 2)
     lifetime = round(NS_PER_S * max(_LEAST_LIFETIME_S, 3.0 / own.rate_hz if own.rate_hz > 0 else 0.0))
     points = [k for k, name in enumerate(own.keypoints) if name != ORIGIN or own.poses is None]
-    frames = [[f"{name}/{ros_name(own.keypoints[k])}" for k in points] for name in names]
-    labels = [] if angles is None else [ros_name(name) for name in angles.names]
+    frames = [[f"{name}/{joints[k]}" for k in points] for name in names]
+    labels = () if angles is None else ros_names(angles.names)
     for f, stamp in enumerate(stamps.tolist()):
         positions = own.positions[f] @ R_ROS_WORLD.T
         known = np.isfinite(positions).all(axis=2)
@@ -148,6 +148,17 @@ def _messages(
                 if len(there):
                     data = joint_state_message(stamp, [labels[k] for k in there], angles.angles[f, i, there])
                     yield f"/{own.kind}/{name}/joint_states", JOINT_STATE, stamp, data
+
+
+def ros_names(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return `ros_name` of each text, with numbers behind names that would be equal."""
+    found: dict[str, None] = {}
+    for text in texts:
+        name, number = ros_name(text), 2
+        while name in found:
+            name, number = f"{ros_name(text)}_{number}", number + 1
+        found[name] = None
+    return tuple(found)
 
 
 def ros_name(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mocapella.comparison.comparison import Compared, compared
 from mocapella.comparison.joint_names import Terms, read_joint_map
 from mocapella.exports.comparison_report import as_dict, figure_of, findings, write_report
+from mocapella.exports.new_file import new_file
 from mocapella.library.recording import Recording, load
 
 if TYPE_CHECKING:
@@ -39,13 +40,13 @@ class Comparison:
         return figure_of(self.result)
 
     def report(self, path: Path | str) -> None:
-        """Write the report as one HTML page.
+        """Write the report as one HTML page; an existing file is replaced.
 
         Raises:
-            SettingsError: matplotlib is not installed; names the extra.
-            OSError: the file cannot be written.
+            SettingsError: matplotlib is not installed, and it names the extra; or the file cannot be written.
         """
-        write_report(self.result, Path(path), self.titles)
+        with new_file(Path(path), force=True) as part:
+            write_report(self.result, part, self.titles)
 
     def __repr__(self) -> str:
         return "\n".join([f"<Comparison of {' and '.join(self.titles.values())}", *findings(self.result)]) + ">"

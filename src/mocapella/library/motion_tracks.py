@@ -12,6 +12,7 @@ import numpy as np
 from mocapella.errors import SettingsError, one_of
 from mocapella.exports.motion_page import page_of
 from mocapella.exports.needs import needed
+from mocapella.exports.new_file import new_file
 from mocapella.exports.trajectory_arrays import as_dataset
 from mocapella.exports.trajectory_tables import as_pandas, as_polars
 from mocapella.library.angle_tracks import AngleTracks
@@ -33,12 +34,13 @@ class MotionView:
     height_px: int
 
     def save(self, path: Path | str) -> None:
-        """Write the page to a file, which any browser opens.
+        """Write the page to a file, which any browser opens; an existing file is replaced.
 
         Raises:
-            OSError: the file cannot be written.
+            SettingsError: the file cannot be written.
         """
-        Path(path).write_text(self.page, encoding="utf-8")
+        with new_file(Path(path), force=True) as part:
+            part.write_text(self.page, encoding="utf-8")
 
     def __repr__(self) -> str:
         return "<MotionView: a notebook shows it; .save(path) writes a page>"

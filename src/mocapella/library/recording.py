@@ -199,6 +199,8 @@ def load(path: Path | str, *, unit: str | None = None) -> Recording:
     """
     path = Path(path)
     if path.name.lower().endswith((".csv", ".csv.gz")) and path.is_file() and not is_keypoint_csv(path):
+        if unit is not None:
+            raise SettingsError(f"unit {unit!r}: {path.name} is no BVH; leave the unit out")
         return Recording(path, None, {VIEWS: read_study_views(path)}, has_frames=True)
     file, found = open_trajectories(path, unit)
     if isinstance(found, Take):

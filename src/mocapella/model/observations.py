@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -27,6 +27,10 @@ class JointState(IntEnum):
     NOT_TRACKED = 0
     INFERRED = 1
     TRACKED = 2
+
+
+STATE_NAMES: Final = ("unknown", "inferred", "measured")
+"""Names of the values 0, 1 and 2 of `JointState` in files."""
 
 
 class Edge(IntFlag):

@@ -400,8 +400,10 @@ class _Dense:
         """Write an individual's values in some frames ``at``; None makes them unknown."""
         i = self.places.setdefault(individual, len(self.places))
         if i == len(self.known):
-            self.known = np.concatenate([self.known, np.zeros_like(self.known)])
-            self.arrays = {name: np.concatenate([one, np.empty_like(one)]) for name, one in self.arrays.items()}
+            before, self.known = self.known, np.concatenate([self.known, np.zeros_like(self.known)])
+            for name, one in self.arrays.items():
+                self.arrays[name] = np.empty((2 * len(one), *one.shape[1:]), one.dtype)
+                self.arrays[name][: len(one)][before] = one[before]
         self.known[i, at] = True
         for name, some in values.items():
             self.arrays[name][i, at] = np.nan if some is None else some
@@ -430,7 +432,9 @@ def assembled(kind: str, blocks: Iterable[Block], axis: TimeAxis) -> Trajectorie
     for block in blocks:
         numbered = block.run > axis.first_run and _NUMBERED.fullmatch(block.name)
         name = names[block.run, block.name] = f"run{block.run}_{block.name}" if numbered else block.name
-        dense = by_layout.setdefault(block.layout, _Dense(len(axis.times_s), block.layout))
+        if block.layout not in by_layout:
+            by_layout[block.layout] = _Dense(len(axis.times_s), block.layout)
+        dense = by_layout[block.layout]
         kept: Any = slice(None)
         if kind != VIEWS and axis.replaced[block.scenes].any():
             kept = ~axis.replaced[block.scenes]

@@ -118,7 +118,7 @@ class ChunkRows:
     def _learn(self, name: NDArray[np.uint8]) -> None:
         place = len(self._sensors)
         self._names[place, : len(name)], self._sizes[place] = name, len(name)
-        self._sensors.append(name.tobytes().decode("ascii"))
+        self._sensors.append(name.tobytes().decode())
 
 
 def _kind(topic: str) -> int:

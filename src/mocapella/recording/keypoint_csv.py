@@ -14,15 +14,14 @@ from mocapella.conventions import NS_PER_S
 from mocapella.decoding import FAULTS, MOST_TABLE_BYTES, check_filled, decode_csv, decode_text, read_whole, text_blocks
 from mocapella.errors import InputError
 from mocapella.model.names import distinct, of_cell
-from mocapella.model.observations import JointState
+from mocapella.model.observations import STATE_NAMES, JointState
 from mocapella.model.trajectories import Trajectories
 from mocapella.recording.body_csv import is_body_csv, read_body_csv
 from mocapella.recording.known_keypoints import known_keypoints
 
 Float64 = NDArray[np.float64]
 
-STATES: Final = ("unknown", "inferred", "measured")
-"""Names of the values 0, 1 and 2 of `JointState` in a table."""
+STATES: Final = STATE_NAMES
 COLUMNS: Final = ("time_s", "run", "individual", "keypoint", "state", "x_m", "y_m", "z_m")
 """Columns that a long table must have; it may have labels and ``sd_m`` as well."""
 LABELS: Final = ("participant", "placement", "scenario")
@@ -34,7 +33,7 @@ _FIX: Final = (
     "NAME (y), NAME (z) in millimetres"
 )
 _OURS: Final = 3
-"""Number of `COLUMNS` by which a damaged table of ours is told from other tables."""
+"""Least number of `COLUMNS` in the header of a damaged table of ours."""
 _MARKER: Final = re.compile(r"(.+) \(([xyz])\)")
 _FARTHEST_M: Final = 1e4
 _SMALLEST_M: Final = 0.02
@@ -73,6 +72,9 @@ def _first(path: Path) -> str:
 def _long(path: Path) -> Trajectories:
     """Read the long table of ``mocapella export csv``; the kind is found by the names of the keypoints."""
     columns, rows = decode_csv(read_whole(path, fix=_FIX, most_bytes=MOST_TABLE_BYTES), file=path, fix=_FIX)
+    if "Tracker_Time" in columns:
+        fix = "make a take of it with `mocapella replay LOG --record NAME`"
+        raise InputError("is a study log, which has no results", file=path, fix=fix)
     missing = [name for name in COLUMNS if name not in columns]
     if missing:
         raise InputError("a column is missing", file=path, row=1, field=missing[0], fix=_FIX)

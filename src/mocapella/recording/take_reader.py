@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
@@ -34,6 +35,8 @@ T = TypeVar("T")
 _FIX = "name a take that is there, such as NAME.mcap"
 MOST_SKIPPED: Final = 100
 _BYTES_AT_ONCE: Final = 1 << 23
+_GAP_BYTES: Final = 1 << 16
+"""Largest gap between two scenes that is read with them, rather than skipped."""
 _ManyScenes = tuple[NDArray[np.int64], bytes, NDArray[np.int64], NDArray[np.int64]]
 
 
@@ -55,6 +58,19 @@ class RawFrame(NamedTuple):
 
     stored: StoredFrame
     at_ns: int
+
+
+def _spans(table: NDArray[np.int64]) -> Iterator[slice]:
+    """Yield the rows of scenes that are near each other in a file, and together not too large to be read at once."""
+    gaps = table[1:, OFFSET] - table[:-1, OFFSET] - table[:-1, LENGTH]
+    apart = (np.diff(table[:, PART]) != 0) | (gaps < 0) | (gaps > _GAP_BYTES)
+    for first, last in pairwise([0, *(np.flatnonzero(apart) + 1).tolist(), len(table)]):
+        begin = first
+        while begin < last:
+            offsets = table[begin:last, OFFSET]
+            end = begin + int(np.searchsorted(offsets, offsets[0] + _BYTES_AT_ONCE))
+            yield slice(begin, end)
+            begin = end
 
 
 class Take:
@@ -192,15 +208,11 @@ class Take:
         with ExitStack() as stack:
             files = self._open(stack)
             table = self._index.scenes.array[numbers]
-            begin = 0
-            while begin < len(table):
-                part, offset = table[begin, PART], table[begin, OFFSET]
-                near = (table[begin:, PART] == part) & (table[begin:, OFFSET] < offset + _BYTES_AT_ONCE)
-                some = table[begin : begin + (len(near) if near.all() else int(np.argmin(near)))]
-                length = int(some[-1, OFFSET] + some[-1, LENGTH] - offset)
-                data = self._bytes(files, Ref(int(part), int(offset), length, 0))
-                yield numbers[begin : begin + len(some)], data, some[:, OFFSET] - offset, some[:, LENGTH]
-                begin += len(some)
+            for some in _spans(table):
+                begins, last = table[some, OFFSET], table[some.stop - 1]
+                length = int(last[OFFSET] + last[LENGTH] - begins[0])
+                data = self._bytes(files, Ref(int(last[PART]), int(begins[0]), length, 0))
+                yield numbers[some], data, begins - begins[0], table[some, LENGTH]
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
         """Yield (log_ns, ground truth) for the frames of a simulated sensor."""

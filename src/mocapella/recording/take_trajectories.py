@@ -76,6 +76,8 @@ def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] |
     from mocapella.schema.people_columns import people_blocks
 
     table = take.scene_table
+    if not np.isin(table[:, RUN], [run.number for run in take.runs]).all():  # a run's description is lost
+        return None
     times = np.column_stack([table[:, RUN], table[:, AT_NS]])
     by_sensor: dict[tuple[int, int], NDArray[np.int64]] = {}
     for run in take.runs:
