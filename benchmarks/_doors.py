@@ -212,10 +212,10 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.recording.bvh_file import read_bvh_joints
     from mocapella.recording.c3d_file import read_c3d
     from mocapella.recording.image_tracks_file import read_image_tracks
-    from mocapella.recording.keypoint_csv import is_keypoint_csv, read_csv_keypoints
+    from mocapella.recording.keypoint_csv import read_csv_keypoints
     from mocapella.recording.measured_distances import read_measured_distances
     from mocapella.recording.point_recordings import read_point_recording
-    from mocapella.recording.study_log import read_study_log
+    from mocapella.recording.study_log import is_study_log, read_study_log
     from mocapella.recording.trc_file import read_trc
     from mocapella.sources.body_replay import BodyReplay
     from mocapella.sources.depth_files import read_depth_png, read_sidecar
@@ -234,7 +234,8 @@ def _files(folder: Path) -> list[Door]:
         return joints_of_people(read_json(path), path)
 
     return [
-        of_file("study logs", folder / "log.csv", [log], read_study_views, TEXT),
+        of_file("study logs", folder / "log.csv", [log], lambda path: (is_study_log(path), read_study_views(path)),
+                 TEXT),
         of_file("study logs, packed", folder / "log.csv.gz", [gzip.compress(log)], read_study_log,
                  (*BYTES, packed, packed)),
         of_file("Azure Kinect tables", folder / "azure.csv", [seeds.azure_table()], bodies, TEXT),
@@ -253,7 +254,7 @@ def _files(folder: Path) -> list[Door]:
                  read_sidecar, TEXT),
         of_file("BVH", folder / "walk.bvh", [seeds.BVH], read_bvh_joints, TEXT),
         of_file("keypoint tables", folder / "people.csv", [seeds.KEYPOINTS, seeds.MARKERS, seeds.azure_table()],
-                 lambda path: (is_keypoint_csv(path), read_csv_keypoints(path)), TEXT),
+                 read_csv_keypoints, TEXT),
         of_file("joint maps", folder / "map.toml", [b'Head = "TOP"\nKneeLeft = { LKNE = 0.5, LKNM = 0.5 }\n'],
                  read_joint_map, TEXT),
         of_file("C3D", folder / "walk.c3d", [seeds.c3d(folder)], read_c3d, BYTES),

@@ -136,3 +136,19 @@ def test_a_unit_is_refused_for_a_study_log(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("Tracker_Time\n")
     with pytest.raises(SettingsError, match=r"unit 'cm': log\.csv is no BVH"):
         mocapella.load(tmp_path / "log.csv", unit="cm")
+
+
+def test_a_take_is_found_by_its_name(take: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "takes").mkdir()
+    (tmp_path / "takes" / "walk.mcap").write_bytes(take.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    for name in ("walk", "walk.mcap", "takes/walk"):
+        assert mocapella.load(name).people is not None
+    with pytest.raises(InputError, match="is a folder"):
+        mocapella.load("takes")
+
+
+def test_a_table_of_another_kind_is_refused_with_those_that_can_be_loaded(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="give a table of `mocapella export csv`, bodies of an Azure Kinect"):
+        mocapella.load(tmp_path / "a.csv")

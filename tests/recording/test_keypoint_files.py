@@ -20,8 +20,9 @@ from mocapella.model.hand import LANDMARKS
 from mocapella.model.topology import topology
 from mocapella.model.trajectories import HAND_BONES, Trajectories
 from mocapella.recording import keypoint_csv
-from mocapella.recording.keypoint_csv import NO_TIMES, is_keypoint_csv, read_csv_keypoints
+from mocapella.recording.keypoint_csv import NO_TIMES, read_csv_keypoints
 from mocapella.recording.known_keypoints import known_keypoints
+from mocapella.recording.study_log import is_study_log
 
 LONG = (
     "time_s,run,participant,placement,scenario,individual,keypoint,state,x_m,y_m,z_m,sd_m\n"
@@ -200,9 +201,9 @@ def test_unknown_names_are_points() -> None:
     assert known_keypoints(replace(own, keypoints=("head", "foot")).keypoints).kind == "points"
 
 
-def test_a_file_that_cannot_be_read_is_no_table_of_keypoints(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_no_study_log(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(LONG)
-    (tmp_path / "b.csv").write_text("Tracker_Time,Person_Id\n")
+    (tmp_path / "b.csv").write_text("Study_Id, Tracker_Time, Person_Id\n")
     (tmp_path / "c.csv").write_bytes(b"\xff\xfe\x00")
-    found = [is_keypoint_csv(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv", "gone.csv")]
-    assert found == [True, False, False, False]
+    found = [is_study_log(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv", "gone.csv")]
+    assert found == [False, True, False, False]

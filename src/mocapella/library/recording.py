@@ -15,7 +15,7 @@ from mocapella.library.tracked_scenes import TrackedScenes
 from mocapella.model.scene import Scene
 from mocapella.model.trajectories import PARTS, VIEWS, Trajectories
 from mocapella.recording.body_csv import is_body_csv
-from mocapella.recording.keypoint_csv import is_keypoint_csv
+from mocapella.recording.study_log import is_study_log
 from mocapella.recording.take_reader import Take
 from mocapella.recording.take_trajectories import labels_of, take_trajectories, timed_scenes
 from mocapella.recording.trajectory_files import open_trajectories
@@ -189,7 +189,7 @@ def load(path: Path | str, *, unit: str | None = None) -> Recording:
     markers in millimetres. What is damaged in a take is left out, and named in `Recording.problems`.
 
     Args:
-        path: the file; the suffix of a take may be left out.
+        path: the file; the suffix of a take may be left out, and the folder ``takes``.
         unit: unit of a BVH, which does not state it: m, dm, cm, mm or in; None for cm.
 
     Raises:
@@ -198,7 +198,7 @@ def load(path: Path | str, *, unit: str | None = None) -> Recording:
         SchemaVersionError: the take was made with another message schema.
     """
     path = Path(path)
-    if path.name.lower().endswith((".csv", ".csv.gz")) and path.is_file() and not is_keypoint_csv(path):
+    if path.name.lower().endswith((".csv", ".csv.gz")) and path.is_file() and is_study_log(path):
         if unit is not None:
             raise SettingsError(f"unit {unit!r}: {path.name} is no BVH; leave the unit out")
         return Recording(path, None, {VIEWS: read_study_views(path)}, has_frames=True)

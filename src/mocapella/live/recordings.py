@@ -11,10 +11,9 @@ from mocapella.live.recorded_rows import RecordedBodies, RecordedLog
 from mocapella.live.recorded_take import RecordedTake
 from mocapella.live.track_again import UNCHANGED, Changes
 from mocapella.recording.body_csv import is_body_csv
-from mocapella.recording.disk import SUFFIX
+from mocapella.recording.disk import SUFFIX, TAKES
 from mocapella.recording.mcap_file import MAGIC
 
-TAKES = Path("takes")
 """Default folder of a server's takes."""
 _ENDINGS = (SUFFIX, ".csv", ".csv.gz")
 _MOST_NAMED = 10

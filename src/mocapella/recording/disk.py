@@ -20,6 +20,8 @@ except ImportError:  # pragma: no cover  Windows, where the exclusive creation a
     fcntl = None  # type: ignore[assignment]
 
 GIB: Final = 1 << 30
+TAKES: Final = Path("takes")
+"""Folder of takes that are named without a folder."""
 SUFFIX: Final = ".mcap"
 MAX_NAME_BYTES: Final = 200
 """Longest name of a take, in bytes; file systems allow 255, and a suffix such as ``.merging.mcap`` is appended."""

@@ -18,6 +18,7 @@ from mocapella.model.observations import STATE_NAMES, JointState
 from mocapella.model.trajectories import Trajectories
 from mocapella.recording.body_csv import is_body_csv, read_body_csv
 from mocapella.recording.known_keypoints import known_keypoints
+from mocapella.recording.study_log import is_study_log
 
 Float64 = NDArray[np.float64]
 
@@ -32,8 +33,6 @@ _FIX: Final = (
     "give a table of `mocapella export csv`, bodies of an Azure Kinect or Kinect v2, or markers with columns NAME (x), "
     "NAME (y), NAME (z) in millimetres"
 )
-_OURS: Final = 3
-"""Least number of `COLUMNS` in the header of a damaged table of ours."""
 _MARKER: Final = re.compile(r"(.+) \(([xyz])\)")
 _FARTHEST_M: Final = 1e4
 _SMALLEST_M: Final = 0.02
@@ -54,17 +53,6 @@ def read_csv_keypoints(path: Path) -> Trajectories:
     return _long(path)
 
 
-def is_keypoint_csv(path: Path) -> bool:
-    """Whether the first row of a CSV is of a file that `read_csv_keypoints` reads; False if it cannot be read."""
-    try:
-        first = next(text_blocks(path, fix=_FIX), "").partition("\n")[0]
-    except InputError:
-        return False
-    marker = _MARKER.fullmatch(first.partition(";")[0].strip())
-    ours = set(COLUMNS) & set(first.strip().split(","))
-    return marker is not None or len(ours) >= _OURS or is_body_csv(path)
-
-
 def _first(path: Path) -> str:
     return decode_text(read_whole(path, fix=_FIX, most_bytes=MOST_TABLE_BYTES), file=path, fix=_FIX).partition("\n")[0]
 
@@ -72,7 +60,7 @@ def _first(path: Path) -> str:
 def _long(path: Path) -> Trajectories:
     """Read the long table of ``mocapella export csv``; the kind is found by the names of the keypoints."""
     columns, rows = decode_csv(read_whole(path, fix=_FIX, most_bytes=MOST_TABLE_BYTES), file=path, fix=_FIX)
-    if "Tracker_Time" in columns:
+    if is_study_log(path):
         fix = "make a take of it with `mocapella replay LOG --record NAME`"
         raise InputError("is a study log, which has no results", file=path, fix=fix)
     missing = [name for name in COLUMNS if name not in columns]

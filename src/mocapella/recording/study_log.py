@@ -28,12 +28,22 @@ from mocapella.model.whole_file import usual_mode
 from mocapella.recording import disk
 from mocapella.recording import study_columns as columns
 
+_TIME: Final = "Tracker_Time"
+"""A title that all study logs have, and no other table."""
 _INTEGER_WIDTH: Final = 24
 """Longest cell of a number, in characters; the longest 64-bit number has 20."""
 _FARTHEST: Final = abs(NOT_AVAILABLE)
 """Largest coordinate, below the code of a missing one [m]."""
 _AT_THE_LENS: Final = 1e-6
 """Distance within which a joint is at the origin: the thesis' program moved its zeros to the world and back [m]."""
+
+
+def is_study_log(path: Path) -> bool:
+    """Whether the first row of a table is that of a study log; False if it cannot be read."""
+    try:
+        return _TIME in next(text_blocks(path, fix=_WANTED), "").partition("\n")[0]
+    except InputError:
+        return False
 
 
 def read_study_log(path: Path | str) -> StudyLog:

@@ -12,7 +12,7 @@ from mocapella.model.trajectories import Trajectories
 from mocapella.recording.bodies_trajectories import read_bodies
 from mocapella.recording.bvh_file import read_bvh_joints
 from mocapella.recording.c3d_file import read_c3d
-from mocapella.recording.disk import SUFFIX
+from mocapella.recording.disk import SUFFIX, TAKES
 from mocapella.recording.keypoint_csv import read_csv_keypoints
 from mocapella.recording.take_reader import Take, read_take
 from mocapella.recording.take_trajectories import take_trajectories
@@ -36,7 +36,7 @@ def open_trajectories(path: Path, unit: str | None = None) -> tuple[Path, Take |
     """Open a take, or read a file of `READERS`.
 
     Args:
-        path: the file; the suffix of a take may be left out.
+        path: the file; the suffix of a take may be left out, and the folder ``takes``.
         unit: unit of a BVH, of `UNITS`; None for centimetres.
 
     Returns:
@@ -56,18 +56,26 @@ def open_trajectories(path: Path, unit: str | None = None) -> tuple[Path, Take |
     if suffix in READERS:
         read = READERS[suffix] if unit is None else partial(read_bvh_joints, unit_m=UNITS[unit])
         return path, read(path)
-    if suffix != SUFFIX and path.with_name(path.name + SUFFIX).is_file():
-        path = path.with_name(path.name + SUFFIX)
-    elif suffix != SUFFIX and not path.exists():
-        raise InputError(
-            "there is no such file", file=path, fix=f"name a file that is there, such as {path.name}{SUFFIX}"
-        )
-    elif suffix != SUFFIX:
+    if suffix != SUFFIX and path.is_file():
         known = ", ".join((SUFFIX, *READERS))
         raise InputError("is no recording that can be loaded", file=path, fix=f"give a file that ends with {known}")
+    path = _take_at(path)
     take = read_take(path)
     take.skips = True
     return path, take
+
+
+def _take_at(path: Path) -> Path:
+    """Return a take's path; its suffix may be left out, and a name without a folder may be in the folder of takes."""
+    names = [path] if path.suffix.lower() == SUFFIX else [path.with_name(path.name + SUFFIX)]
+    names += [TAKES / name for name in names] if path.parent == Path() else []
+    found = next((name for name in names if name.is_file()), None)
+    if found is None and path.is_dir():
+        raise InputError("is a folder", file=path, fix="name a file in it")
+    if found is None:
+        fix = f"name a file that is there, such as {names[0].name}"
+        raise InputError("there is no such file", file=path, fix=fix)
+    return found
 
 
 class FoundTrajectories(NamedTuple):
