@@ -23,6 +23,7 @@ from mocapella.exports.glb_file import write_glb
 from mocapella.exports.usd_file import write_usd
 from mocapella.geometry.bone_rotations import posed
 from mocapella.model.body_meshes import body_mesh
+from mocapella.model.bvh import read_bvh
 from mocapella.model.hand import LANDMARKS
 from mocapella.model.humanoid_bones import FINGERS, HUMANOIDS
 from mocapella.model.humanoid_joints import INDEX, JOINTS
@@ -30,7 +31,6 @@ from mocapella.model.humanoid_motion import humanoid_motion
 from mocapella.model.rigged_mesh import landmarks_at, rest
 from mocapella.model.skeleton import SKELETON
 from mocapella.model.trajectories import HAND_BONES, Trajectories
-from mocapella.sources.simulate.bvh import read_bvh
 
 FRAMES = 6
 FORMATS = {".glb": (write_glb, read_glb), ".usda": (write_usd, read_usd)}

@@ -18,6 +18,8 @@ Float64 = NDArray[np.float64]
 
 CM_PER_M: Final = 100.0
 TURNS: Final = "Zrotation Xrotation Yrotation"
+_ROWS_AT_ONCE: Final = 4096
+"""Number of frames that are written at a time, so that memory stays small."""
 _LEAST_END_CM: Final = 2.0
 """Least length of the end of a joint without children [cm]."""
 
@@ -43,16 +45,21 @@ def write_bvh(trajectories: Trajectories, path: Path, *, humanoid: str | None = 
     """
     motion = motion_of(trajectories, humanoid)
     skeleton = motion.skeleton
-    local = local_rotations(skeleton.parents, motion.R)
     order = _depth_first(skeleton)
-    turns = Rotation.from_matrix(local[:, order].reshape(-1, 3, 3)).as_euler("ZXY", degrees=True)
-    angles = np.unwrap(turns.reshape(len(trajectories), len(order), 3), axis=0, period=360.0)
-    rows = np.concatenate([CM_PER_M * motion.root, angles.reshape(len(trajectories), -1)], axis=1)
     lines = ["HIERARCHY", *_joint(skeleton, 0, 0), "MOTION", f"Frames: {len(trajectories)}"]
     lines.append(f"Frame Time: {1.0 / trajectories.rate_hz:.9f}")
-    row_text = " ".join(["%.6f"] * rows.shape[1])
-    lines += [row_text % tuple(row) for row in rows.tolist()]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="")
+    row_text = " ".join(["%.6f"] * (3 + 3 * len(order))) + "\n"
+    last = np.zeros((len(order), 3))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write("\n".join(lines) + "\n")
+        for begin in range(0, len(trajectories), _ROWS_AT_ONCE):
+            some = slice(begin, begin + _ROWS_AT_ONCE)
+            local = local_rotations(skeleton.parents, motion.R[some])[:, order].reshape(-1, 3, 3)
+            turns = Rotation.from_matrix(local).as_euler("ZXY", degrees=True).reshape(-1, len(order), 3)
+            angles = np.unwrap(np.concatenate([last[None], turns]), axis=0, period=360.0)[1:]
+            last = angles[-1]
+            rows = np.concatenate([CM_PER_M * motion.root[some], angles.reshape(len(angles), -1)], axis=1)
+            file.writelines(row_text % tuple(row) for row in rows.tolist())
     return notes_of(motion)
 
 

@@ -91,7 +91,8 @@ class Trajectories:
         for name in names:
             if name not in self.individuals:
                 raise SettingsError(f"no {name!r} among {self.kind}; known: {one_of(name, self.individuals)}")
-        return self._take(slice(None), [self.individuals.index(name) for name in names])
+        places = [self.individuals.index(name) for name in names]
+        return self._take(slice(None), slice(places[0], places[0] + 1) if len(places) == 1 else places)  # not copied
 
     def at(self, frames: Any) -> Self:
         """Return some frames, by a slice, a boolean mask or indices (frames,); their rate is that of their times."""
