@@ -41,3 +41,12 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         open_trajectories(tmp_path / "b.txt")
     with pytest.raises(InputError, match=r"b\.mcap"):
         open_trajectories(tmp_path / "b.mcap")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="is a folder; name a file in it"):
+        open_trajectories(tmp_path / "folder")
+
+
+def test_a_study_log_has_no_results(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("Study_Id,Tracker_Time\n1,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match="is a study log, which has no results; make a take of it with"):
+        trajectories_in(tmp_path / "log.csv")
