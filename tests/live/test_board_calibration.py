@@ -98,7 +98,7 @@ def test_a_node_that_is_not_there_is_named_with_those_that_are(room: Room) -> No
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium on the PATH")
 def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(room: Room) -> None:
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import TimeoutError, sync_playwright
 
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
@@ -115,7 +115,10 @@ def test_cameras_are_calibrated_in_the_view_and_used_and_stand_in_the_next_take(
         def press(name: str) -> None:
             page.get_by_role("button", name=name, exact=True).click()
 
-        page.get_by_text("press Start calibration").wait_for()
+        try:
+            page.get_by_text("press Start calibration").wait_for()
+        except TimeoutError as error:
+            raise AssertionError(f"the page shows {page.inner_text('body')[:2000]!r}") from error
 
         def fill(label: str, value: float, says: str) -> None:
             """A browser sends one of two fields that are filled within 50 ms, so it is waited for each."""

@@ -51,7 +51,7 @@ def mutations(tmp_path_factory: pytest.TempPathFactory) -> TakeMutations:
     return TakeMutations(write_example(tmp_path_factory.mktemp("seed") / "seed.mcap"))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_damaged_contents_are_indexed_alike(
     seed: int, mutations: TakeMutations, tmp_path_factory: pytest.TempPathFactory
