@@ -15,7 +15,7 @@ from support.posed_person import HALPE, person, points_of
 
 import mocapella
 from mocapella.errors import SettingsError
-from mocapella.exports import angle_tables
+from mocapella.exports import trajectory_tables
 from mocapella.exports.angle_tables import ANGLE_COLUMNS, angles_as_pandas, angles_as_polars, write_angles
 from mocapella.exports.arm_rows import STATES
 from mocapella.exports.storage_file import COORDINATES, write_mot, write_sto
@@ -77,7 +77,7 @@ def test_the_tables_have_a_row_for_each_angle_of_those_who_are_there(
 
 def test_a_long_table_is_written_in_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_angles(walk(), tmp_path / "whole.csv")
-    monkeypatch.setattr(angle_tables, "ROWS_AT_ONCE", 3)
+    monkeypatch.setattr(trajectory_tables, "ROWS_AT_ONCE", 3)
     write_angles(walk(), tmp_path / "steps.csv")
     assert (tmp_path / "steps.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 

@@ -19,12 +19,12 @@ import mocapella
 from mocapella.exports.c3d_file import write_c3d
 from mocapella.exports.export import EXPORTS
 from mocapella.exports.needs import needed
-from mocapella.exports.run_labels import LABELS, in_words, label_changes, label_texts, left_out
+from mocapella.exports.run_labels import in_words, label_changes, label_texts, left_out
 from mocapella.exports.trajectory_arrays import as_dataset, write_npz
 from mocapella.exports.trajectory_tables import write_csv, write_wide_csv
 from mocapella.model.resampling import resampled
 from mocapella.model.session import Setup
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import LABELS, Trajectories
 from mocapella.recording.c3d_file import _parsed
 from mocapella.recording.take_writer import TakeWriter
 
@@ -97,6 +97,19 @@ def test_a_c3d_has_an_event_at_each_change(people: Trajectories, tmp_path: Path)
     np.testing.assert_allclose(again.positions, own.positions, atol=1e-6)
     write_c3d(replace(own, labels={}), tmp_path / "b.c3d")
     assert _parameters_of(tmp_path / "b.c3d")["EVENT:USED"] == [0]
+
+
+def test_more_labels_than_a_c3d_holds_are_told(take: Path, tmp_path: Path) -> None:
+    people = mocapella.load(take).people
+    assert people is not None
+    own = resampled(people.of(people.individuals[0]), 30.0).at(slice(0, 1))
+    many = replace(
+        own, times_s=np.arange(300) / 30, runs=np.arange(300),
+        labels={k: {"scenario": f"s{k}"} for k in range(300)},
+        **{name: np.repeat(getattr(own, name), 300, axis=0) for name in ("positions", "states", "sd")},
+    )  # fmt: skip
+    assert write_c3d(many, tmp_path / "a.c3d") == ["has the first 255 of 300 labels; a C3D holds no more"]
+    assert write_c3d(own, tmp_path / "b.c3d") == []
 
 
 def _parameters_of(path: Path) -> dict[str, list[object]]:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from mocapella.geometry.segment_axes import unit
 from mocapella.geometry.swing_twist import (
     across,
     faded,
@@ -16,7 +17,6 @@ from mocapella.geometry.swing_twist import (
     swung,
     twist_angle,
     twisted,
-    unit,
 )
 
 seeds = st.integers(0, 2**32 - 1)

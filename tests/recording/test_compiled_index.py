@@ -118,7 +118,9 @@ def test_records_that_do_not_fit_are_malformed(data: bytes) -> None:
             list(read(memoryview(data), 0, {}))  # type: ignore[operator]
 
 
-def test_a_channel_that_is_described_anew_has_the_new_topic() -> None:
+@pytest.mark.parametrize("most", [chunk_rows._MOST_DESCRIBED, 0])
+def test_a_channel_that_is_described_anew_has_the_new_topic(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunk_rows, "_MOST_DESCRIBED", most)
     topics = {1: "/a"}
     reader = ChunkRows()
     for text in ("/b", "/c", "/b"):
@@ -163,6 +165,16 @@ def test_a_sensor_of_another_alphabet_is_read(tmp_path: Path) -> None:
     assert [one.sensor for one in take_index.index_take([tmp_path / "a.mcap"]).frames] == ["küche"]
 
 
+def test_a_single_part_that_is_there_twice_counts_once(tmp_path: Path) -> None:
+    """As in protobuf, which merges the two."""
+    writer = TakeWriter.create(tmp_path / "a.mcap", info=info(), reserve_bytes=0)
+    twice = pb.Scene(points=pb.Points(names=["a"])).SerializeToString() * 2
+    write_frame(writer, "front", 0, 0)
+    writer.write_scene(encode_scene(scene(0, "front", 0)) + twice, 1)
+    writer.close()
+    check(tmp_path / "a.mcap")
+
+
 def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not by protobuf, message by message: else they would be of no use."""
     path = small_take(tmp_path / "a.mcap", count=8)
@@ -174,6 +186,13 @@ def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pyt
     topics = {event.topic for event in events if isinstance(event, MessageRead)}
     assert not {topic for topic in topics if topic == take.SCENES or topic.startswith(take.FRAMES)}
     assert sum(len(event.scenes) for event in events if isinstance(event, RowsRead)) == read_take(path).scene_count
+
+
+def test_descriptions_that_alternate_take_no_growing_memory() -> None:
+    reader = ChunkRows()
+    for k in range(40):
+        list(reader(memoryview(channel(1, f"/{k}" + "x" * 9000) + message(1)), 0, {}))
+        assert len(reader._described) <= chunk_rows._MOST_DESCRIBED + 10_000
 
 
 @given(st.lists(st.tuples(st.integers(0, 2**64 - 1), st.integers(0, 2**64 - 1)), max_size=9), st.integers(0, 9))

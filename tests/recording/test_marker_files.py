@@ -189,27 +189,15 @@ def test_without_the_frame_numbers_of_long_files_the_header_counts(tmp_path: Pat
     assert len(read_c3d(tmp_path / "b.c3d")) == 3
 
 
-def test_parameters_without_an_end_are_read(tmp_path: Path) -> None:
-    """The last parameter says that another one follows, behind the end of the file."""
+@pytest.mark.parametrize("step", [30_000, 0])
+def test_the_last_parameter_may_say_so_or_that_another_one_follows_behind_the_end(tmp_path: Path, step: int) -> None:
     data = bytearray(c3d_bytes(tmp_path))
     at = 512 + 4
     while data[at]:
         last, length = at, struct.unpack_from("b", data, at)[0]
         at += 2 + abs(length)
         at += struct.unpack_from("<h", data, at)[0]
-    struct.pack_into("<h", data, last + 2 + data[last], 30_000)
-    (tmp_path / "b.c3d").write_bytes(bytes(data))
-    assert len(read_c3d(tmp_path / "b.c3d")) == 3
-
-
-def test_parameters_that_say_that_they_are_the_last_are(tmp_path: Path) -> None:
-    data = bytearray(c3d_bytes(tmp_path))
-    at = 512 + 4
-    while data[at]:
-        last, length = at, struct.unpack_from("b", data, at)[0]
-        at += 2 + abs(length)
-        at += struct.unpack_from("<h", data, at)[0]
-    struct.pack_into("<h", data, last + 2 + data[last], 0)
+    struct.pack_into("<h", data, last + 2 + data[last], step)
     (tmp_path / "b.c3d").write_bytes(bytes(data))
     assert len(read_c3d(tmp_path / "b.c3d")) == 3
 

@@ -42,7 +42,7 @@ class Compared:
         notes: sentences about what could not be determined.
         times_s: (frames,) times of the recording in the common time [s].
         reference_s: (frames,) the reference's times, or numbers of frames without a clock.
-        states: (frames, individuals, joints) `JointState` of the recording.
+        states: (frames, individuals, joints) `JointState`, the less certain one of recording and reference.
         uncorrected: (frames, individuals, joints, 3) recording minus reference, with the time corrected alone [m].
         errors: the same after the rigid motion, and, if ``bias_removed``, without each joint's mean [m].
         biases: (individuals, joints, 3) each joint's mean difference after the rigid motion [m].

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.exports.arm_rows import STATES
-from mocapella.exports.run_labels import LABELS
 from mocapella.exports.trajectory_tables import (
-    ROWS_AT_ONCE,
     Texts,
     columns_as_pandas,
     columns_as_polars,
+    in_steps,
     labels_of_runs,
-    rows_of,
+    write_table,
 )
 from mocapella.model.joint_angles import JointAngles
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import LABELS, Trajectories
 
 ANGLE_COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "angle", "state", "deg", "sd_deg")
 """Columns of a table of joint angles."""
@@ -74,9 +72,5 @@ def write_angles(trajectories: Trajectories, path: Path) -> None:
         SettingsError: the keypoints determine no angle.
         OSError: the file cannot be written.
     """
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(ANGLE_COLUMNS)
-        for begin in range(0, max(1, len(trajectories)), ROWS_AT_ONCE):
-            some = JointAngles.of(trajectories.at(slice(begin, begin + ROWS_AT_ONCE)))
-            writer.writerows(rows_of(angle_columns(some)))
+    JointAngles.of(trajectories.at(slice(0, 0)))  # refuses keypoints without an angle, also without a frame
+    write_table(path, ANGLE_COLUMNS, (angle_columns(JointAngles.of(some)) for some in in_steps(trajectories)))

@@ -12,10 +12,11 @@ import numpy as np
 
 from mocapella.errors import SettingsError
 from mocapella.exports.arm_rows import STATES
-from mocapella.exports.run_labels import LABELS, label_texts
+from mocapella.exports.run_labels import label_texts
 from mocapella.model.arms import ARM_JOINTS, ARM_POINTS
 from mocapella.model.names import as_cell
 from mocapella.model.scene import Scene, TrackedArm
+from mocapella.model.trajectories import LABELS
 
 COLUMNS: Final = (
     "step", "time_s", "arm", "person", "handedness", "gesture", "gesture_sure", "grabbing", "cameras", "joint", "state",

@@ -26,7 +26,7 @@ _INTEL: Final = 84
 _GROUPS: Final = ("POINT", "ANALOG", "TRIAL", "SUBJECTS", "MANUFACTURER", "EVENT")
 
 
-def write_c3d(trajectories: Trajectories, path: Path) -> None:
+def write_c3d(trajectories: Trajectories, path: Path) -> list[str]:
     """Write one individual as C3D, in millimetres, with Y up (POINT:X_SCREEN is +X, Y_SCREEN is +Y).
 
     A point's residual is its standard deviation in whole millimetres, from 1 to 254; 255 is larger or unknown. As the
@@ -37,6 +37,9 @@ def write_c3d(trajectories: Trajectories, path: Path) -> None:
     Args:
         trajectories: one individual at a constant rate.
         path: the file.
+
+    Returns:
+        A sentence if the labels change more often than a C3D can tell.
 
     Raises:
         SettingsError: there are more than `MOST_POINTS` keypoints.
@@ -55,6 +58,8 @@ def write_c3d(trajectories: Trajectories, path: Path) -> None:
         file.write(_head(trajectories, frames, points))
         file.write(words.tobytes())
         file.write(bytes(-4 * words.size % _BLOCK))
+    changes = len(label_changes(trajectories))
+    return [f"has the first {MOST_EVENTS} of {changes} labels; a C3D holds no more"] if changes > MOST_EVENTS else []
 
 
 def _head(trajectories: Trajectories, frames: int, points: int) -> bytes:

@@ -29,7 +29,8 @@ ANGLE_HEADS: Final = ("", "n", "mean °", "SD °", "RMSE °", "bias °", "95 % l
 CURVES: Final = (
     "time_s", "reference_s", "individual", "joint", "state", "dx_m", "dy_m", "dz_m", "time_only_m", "rigid_m",
 )  # fmt: skip
-"""Columns of the table of curves; dx, dy, dz are the differences after all corrections."""
+"""Columns of the table of curves: dx, dy, dz are the differences after all corrections; the two distances are with the
+time corrected only, and with time and rigid motion, before a bias is removed."""
 
 
 def rigid_words(one: Compared) -> str:
@@ -216,7 +217,8 @@ def write_curves(one: Compared, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(CURVES)
-        sizes = [np.linalg.norm(errors, axis=3) for errors in (one.uncorrected, one.errors)]
+        rigid = one.errors + one.biases if one.bias_removed else one.errors
+        sizes = [np.linalg.norm(errors, axis=3) for errors in (one.uncorrected, rigid)]
         for t, i, k in np.argwhere(one.states > 0).tolist():
             person, joint = list(one.people)[i], one.joints[k].name
             numbers = (*one.errors[t, i, k], sizes[0][t, i, k], sizes[1][t, i, k])

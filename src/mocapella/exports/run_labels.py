@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from mocapella.conventions import NOT_AVAILABLE
-from mocapella.model.trajectories import Trajectories
-
-LABELS: Final = ("participant", "placement", "scenario")
-"""Names of a run's labels."""
+from mocapella.model.trajectories import LABELS, Trajectories
 
 
 def label_texts(labels: Mapping[str, Any]) -> dict[str, str]:

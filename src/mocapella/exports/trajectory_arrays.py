@@ -12,9 +12,9 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.exports.needs import needed
-from mocapella.exports.run_labels import LABELS, labels_by_run
+from mocapella.exports.run_labels import labels_by_run
 from mocapella.model.observations import JointState
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import LABELS, Trajectories
 from mocapella.settings import check
 
 MOST_NETCDF_BYTES: Final = 1 << 31

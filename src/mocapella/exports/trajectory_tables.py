@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from mocapella.exports.arm_rows import STATES
 from mocapella.exports.needs import needed
-from mocapella.exports.run_labels import LABELS, label_texts, labels_by_run
+from mocapella.exports.run_labels import label_texts, labels_by_run
 from mocapella.model.names import as_cell
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import LABELS, Trajectories
 
 COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "keypoint", "state", "x_m", "y_m", "z_m", "sd_m")
 """Columns of a long table."""
@@ -102,11 +102,20 @@ def write_csv(trajectories: Trajectories, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    write_table(path, COLUMNS, map(long_columns, in_steps(trajectories)))
+
+
+def write_table(path: Path, names: Sequence[str], parts: Iterable[Columns]) -> None:
+    """Write a table as CSV, a part of its rows after the other; unknown numbers are empty.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for some in _in_steps(trajectories):
-            writer.writerows(rows_of(long_columns(some)))
+        writer.writerow(names)
+        for columns in parts:
+            writer.writerows(zip(*(_cells(name, column) for name, column in columns.items()), strict=True))
 
 
 def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
@@ -119,17 +128,12 @@ def write_wide_csv(trajectories: Trajectories, path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["time_s", "run", *LABELS, *map(as_cell, wide_names(trajectories))])
         by_run = {run: list(map(as_cell, own.values())) for run, own in labels_by_run(trajectories).items()}
-        for some in _in_steps(trajectories):
+        for some in in_steps(trajectories):
             cells = np.empty((len(some), len(some.individuals), len(some.keypoints), 4), dtype=object)
             cells[..., :3] = np.reshape(_decimals(some.positions.ravel(), 5), some.positions.shape)
             cells[..., 3] = np.asarray(STATES, dtype=object)[some.states]
             columns = zip(_decimals(some.times_s, 6), some.runs.tolist(), cells.reshape(len(some), -1), strict=True)
             writer.writerows([time, run, *by_run[run], *row] for time, run, row in columns)
-
-
-def rows_of(columns: Columns) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a table as cells of a CSV; unknown numbers are empty."""
-    return zip(*(_cells(name, column) for name, column in columns.items()), strict=True)
 
 
 def _cells(name: str, column: Any) -> list[Any]:
@@ -138,7 +142,8 @@ def _cells(name: str, column: Any) -> list[Any]:
     return column.tolist() if name == "run" else _decimals(column, 6 if name == "time_s" else 5)
 
 
-def _in_steps(trajectories: Trajectories) -> Iterator[Trajectories]:
+def in_steps(trajectories: Trajectories) -> Iterator[Trajectories]:
+    """Yield trajectories in parts of `ROWS_AT_ONCE` frames."""
     for begin in range(0, len(trajectories), ROWS_AT_ONCE):
         yield trajectories.at(slice(begin, begin + ROWS_AT_ONCE))
 
@@ -207,7 +212,7 @@ def write_parquet(trajectories: Trajectories, path: Path) -> None:
     polars = needed("polars")
 
     def tables(*_: Any) -> Iterator[Any]:
-        for some in _in_steps(trajectories):
+        for some in in_steps(trajectories):
             yield as_polars(some)
 
     schema = as_polars(trajectories.at(slice(0, 1))).schema

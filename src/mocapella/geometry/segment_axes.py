@@ -18,6 +18,9 @@ Float64 = NDArray[np.float64]
 LEAST_SINE: Final = math.sin(math.radians(10.0))
 """Sine of the angle between two directions, or two mobile axes, below which they count as parallel."""
 
+_TINY: Final = 1e-9
+"""Largest length of a vector without a direction."""
+
 
 def cross(a: Float64, b: Float64) -> Float64:
     """Return the cross products (..., 3), as `numpy.cross` but several times faster."""
@@ -33,9 +36,9 @@ def length_of(vectors: Float64) -> Float64:
 
 
 def unit(vectors: Float64) -> Float64:
-    """Return vectors (..., 3) at unit length; NaN without a length."""
+    """Return vectors (..., 3) at unit length; NaN for those without a length."""
     length = length_of(vectors)[..., None]
-    return np.asarray(vectors / np.where(length > 0, length, np.nan))
+    return np.asarray(vectors / np.where(length > _TINY, length, np.nan))
 
 
 def axes_along_z(z: Float64, y: Float64) -> Float64:

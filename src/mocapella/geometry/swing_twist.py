@@ -11,17 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mocapella.geometry.bone_rotations import shortest
+from mocapella.geometry.segment_axes import unit
 
 Float64 = NDArray[np.float64]
-
-_TINY: float = 1e-9
-
-
-def unit(vectors: Float64) -> Float64:
-    """Return vectors (..., 3) of length 1; NaN for those without a length."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(length > _TINY, vectors / np.where(length > _TINY, length, 1.0), np.nan))
 
 
 def across(vectors: Float64, axis: Float64) -> Float64:

@@ -19,7 +19,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.observations import JointState
 from mocapella.model.point_tracks import ImageTracks, SpaceTracks
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import Trajectories, median_step
 from mocapella.recording.image_tracks_file import read_image_tracks
 
 Detections = ImageTracks | Mapping[str, ArrayLike] | Sequence[Path | str] | Path | str
@@ -58,7 +58,7 @@ class TriangulatedPoints:
         found = Trajectories(
             "points", at_s - at_s[:1], np.zeros(len(at_s), np.int64), ("points",), own.points, own.positions[:, None],
             np.where(seen, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8)[:, None],
-            own.sds.astype(np.float32)[:, None], rate_hz=1.0 / float(np.median(steps)) if len(steps) else np.nan,
+            own.sds.astype(np.float32)[:, None], rate_hz=1.0 / median_step(at_s),
             notes=self.notes,
         )  # fmt: skip
         return MotionTracks.of_file(found, "")

@@ -16,7 +16,6 @@ from mocapella.model.observations import Arrival
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import Setup
 from mocapella.recording.take import TakeInfo
-from mocapella.schema import encode_frame
 from mocapella.tracker.method import never_tracked
 
 
@@ -69,7 +68,7 @@ class GivenFrames:
 
     def _events(self) -> Iterator[FrameToTrack]:
         for arrival in self._arrivals:
-            yield FrameToTrack(arrival, encode_frame(arrival.frame), arrival.at_ns)
+            yield FrameToTrack(arrival, None, arrival.at_ns)
 
     def add_rest(self, take: NewTake) -> None:
         """Add what else there is: nothing."""

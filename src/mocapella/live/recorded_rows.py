@@ -22,7 +22,6 @@ from mocapella.recording.body_csv import read_body_csv
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take import TakeInfo
 from mocapella.recording.take_origin import TakeOrigin, sha256_of
-from mocapella.schema import encode_frame
 from mocapella.sources.body_replay import BodyReplay
 from mocapella.sources.recorded_track import ReplayReport
 from mocapella.sources.study_replay import StudyReplay
@@ -67,7 +66,7 @@ class _RecordedRows:
 
     def _events(self) -> Iterator[FrameToTrack]:
         for arrival in self._source.arrivals():
-            yield FrameToTrack(arrival, encode_frame(arrival.frame), arrival.at_ns)
+            yield FrameToTrack(arrival, None, arrival.at_ns)
 
     def add_rest(self, take: NewTake) -> None:
         """Add what else the recording has: nothing."""

@@ -23,6 +23,7 @@ from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import Setup
 from mocapella.recording.take import Command, TakeInfo
 from mocapella.recording.take_reader import Take
+from mocapella.schema import encode_frame
 from mocapella.settings import merged
 from mocapella.tracker import METHODS
 
@@ -127,12 +128,12 @@ class FrameToTrack:
 
     Attributes:
         arrival: the frame with its data, and its capture time on the recording's clock.
-        raw: the stored bytes of the frame.
+        raw: the stored bytes of the frame; None if it is encoded only when a take is written.
         log_ns: time of its storage, on the recording's clock.
     """
 
     arrival: Arrival
-    raw: bytes
+    raw: bytes | None
     log_ns: int
 
 
@@ -227,7 +228,8 @@ class _Tracking:
                 continue
             frame, self._log_ns, self._scene = event.arrival.frame, event.log_ns, None
             if self._take is not None:
-                self._take.frame(event.raw, frame.sensor, frame.node_id, frame.sequence, event.log_ns)
+                raw = encode_frame(frame) if event.raw is None else event.raw
+                self._take.frame(raw, frame.sensor, frame.node_id, frame.sequence, event.log_ns)
             yield event.arrival
             if self._scene is None:
                 yield self._command("restore", self.session.memory())

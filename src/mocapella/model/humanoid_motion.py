@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.bone_rotations import posed
-from mocapella.geometry.swing_twist import across, faded, of_two_directions, swung, twist_angle, twisted, unit
+from mocapella.geometry.segment_axes import unit
+from mocapella.geometry.swing_twist import across, faded, of_two_directions, swung, twist_angle, twisted
 from mocapella.model.humanoid_bones import BONES, FINGERS, HumanoidBone, humanoid_names, parent_of
 from mocapella.model.humanoid_joints import INDEX, JOINTS, average_joints, determined, joints_of
 from mocapella.model.rest_pose import RigidMotion, RigidSkeleton, held_rows

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.geometry.bone_rotations import posed, shortest
-from mocapella.geometry.swing_twist import unit
+from mocapella.geometry.segment_axes import unit
 from mocapella.model.rest_pose import RigidSkeleton
 
 Float64 = NDArray[np.float64]

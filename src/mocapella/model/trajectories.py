@@ -28,6 +28,8 @@ Bones = tuple[tuple[int, int], ...]
 
 HAND_BONES: Final[Bones] = tuple((parent, child) for child, parent in enumerate(PARENTS) if parent >= 0)
 ARM_POINT_BONES: Final[Bones] = (*HAND_BONES, (0, PALM), (PALM + 1, 0))
+LABELS: Final = ("participant", "placement", "scenario")
+"""Names of a run's labels in files."""
 ORIGIN: Final = "origin"
 """Name of an object's only keypoint."""
 

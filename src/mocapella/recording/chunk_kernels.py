@@ -74,8 +74,8 @@ def list_messages(
         channels: (65536,) kind of each channel's messages: UNKNOWN, PLAIN, FRAME or SCENE.
         places, described: (65536, 2) begin and size in ``described`` of each channel's last description, with its head.
         shapes: shapes of `BodyFrame` and `Scene`, as `wire_shapes.shapes_of` returns them.
-        wanted: (2, 6) numbers of the fields sensor, node id, sequence, two more for the columns from STEP on, and of a
-            field that makes a message UNUSUAL; 0 for none.
+        wanted: (2, 7) numbers of the fields sensor, node id, sequence, two more for the columns from STEP on, of a
+            field that makes a message UNUSUAL, and of one that does so if it is repeated; 0 for none.
         names, sizes, known: (n, `LONGEST_NAME`) and (n,) names of sensors and their sizes in bytes, and how many of
             these are known. With ``n`` names, or with a longer one, a message of another sensor is UNUSUAL.
         count: number of rows written before.
@@ -116,7 +116,7 @@ def list_messages(
             if kind != PLAIN:
                 root = 0 if kind == FRAME else 1
                 usual = read_message(data, begin, end, shapes, root, fields, ends, kinds)
-                if not usual or fields[wanted[root, 5], 0] > 0:
+                if not usual or fields[wanted[root, 5], 0] > 0 or fields[wanted[root, 6], 0] > 1:
                     kind = UNUSUAL
                 else:
                     sensor = wanted[root, 0]

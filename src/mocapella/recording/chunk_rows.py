@@ -34,10 +34,12 @@ Int64 = NDArray[np.int64]
 
 _MOST_NAMES: Final = 64
 _ROWS_AT_FIRST: Final = 1024
+_MOST_DESCRIBED: Final = 1 << 16
+"""Size of the remembered descriptions of channels above which they are forgotten [bytes]."""
 _KINDS: Final = (pb.BodyFrame, pb.Scene)
 _FIELDS: Final = (
-    ("sensor", "node_id", "sequence", "time_ns", "", ""),
-    ("sensor", "node_id", "sequence", "step", "at_ns", "parts"),
+    ("sensor", "node_id", "sequence", "time_ns", "", "", ""),
+    ("sensor", "node_id", "sequence", "step", "at_ns", "parts", "points"),
 )
 
 
@@ -84,8 +86,7 @@ class ChunkRows:
                 found, end = read_channel(data, at)
                 topics[found.id] = found.topic
                 self._channels[found.id] = _kind(found.topic)
-                self._places[found.id] = len(self._described), end - at
-                self._described = np.concatenate([self._described, bytes_[at:end]])
+                self._remember(found.id, bytes_[at:end])
                 at = end
             elif why == NEW_SENSOR:
                 begin, length = self._rows[count, OFFSET], self._rows[count, LENGTH]
@@ -114,6 +115,13 @@ class ChunkRows:
         rows[:, OFFSET] += base
         found = rows[frames, :FRAME_COLUMNS], rows[~frames]
         return RowsRead(*found, self._sensors, int(times.min()), int(times.max()), parts)
+
+    def _remember(self, channel: int, description: NDArray[np.uint8]) -> None:
+        """Remember a channel's description, so that its repetitions are skipped; forget all if there are many."""
+        if len(self._described) > _MOST_DESCRIBED:
+            self._places[:], self._described = 0, self._described[:0]
+        self._places[channel] = len(self._described), len(description)
+        self._described = np.concatenate([self._described, description])
 
     def _learn(self, name: NDArray[np.uint8]) -> None:
         place = len(self._sensors)

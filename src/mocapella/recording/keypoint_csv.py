@@ -15,7 +15,7 @@ from mocapella.decoding import FAULTS, MOST_TABLE_BYTES, check_filled, decode_cs
 from mocapella.errors import InputError
 from mocapella.model.names import distinct, of_cell
 from mocapella.model.observations import STATE_NAMES, JointState
-from mocapella.model.trajectories import Trajectories
+from mocapella.model.trajectories import LABELS, Trajectories
 from mocapella.recording.body_csv import is_body_csv, read_body_csv
 from mocapella.recording.known_keypoints import known_keypoints
 from mocapella.recording.study_log import is_study_log
@@ -25,7 +25,6 @@ Float64 = NDArray[np.float64]
 STATES: Final = STATE_NAMES
 COLUMNS: Final = ("time_s", "run", "individual", "keypoint", "state", "x_m", "y_m", "z_m")
 """Columns that a long table must have; it may have labels and ``sd_m`` as well."""
-LABELS: Final = ("participant", "placement", "scenario")
 NO_TIMES: Final = "has no times: its rate is unknown"
 """Beginning of the note of a file without times, whose times are numbers of frames."""
 MM: Final = 1e-3

@@ -117,9 +117,10 @@ class TakeIndex:
 
     def find_orphans(self) -> None:
         """Add a problem if the take lacks the frames of some scenes; call it after the last file."""
-        orphans = [self.scenes[place] for place in self._without_frames()]
+        orphans = self._without_frames()
         if orphans:
-            named = [f"run {s.run} step {s.step} ({s.sensor} frame {s.sequence})" for s in orphans[:NAMED_AT_MOST]]
+            some = [self.scenes[place] for place in orphans[:NAMED_AT_MOST]]
+            named = [f"run {s.run} step {s.step} ({s.sensor} frame {s.sequence})" for s in some]
             more = f" and {len(orphans) - len(named)} more" if len(orphans) > len(named) else ""
             self.problems.append(
                 f"{len(orphans)} scenes were made of frames that are not in the take: {', '.join(named)}{more}"

@@ -80,16 +80,17 @@ def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] |
         return None
     times = np.column_stack([table[:, RUN], table[:, AT_NS]])
     by_sensor: dict[tuple[int, int], NDArray[np.int64]] = {}
+    rows = {run.number: np.flatnonzero(table[:, RUN] == run.number) for run in take.runs}
     for run in take.runs:
-        own = np.flatnonzero(table[:, RUN] == run.number)
+        own = rows[run.number]
         times[own, 1] += run.info.started_unix_ns - run.info.started_ns
         for sensor in np.unique(table[own, SENSOR]).tolist():
             by_sensor[run.number, sensor] = times[own[table[own, SENSOR] == sensor], 1]
     blocks = (
         block
-        for run in take.runs
-        for numbers, data, begins, lengths in take.scene_blocks(np.flatnonzero(table[:, RUN] == run.number))
-        for block in people_blocks(run.number, numbers, data, begins, lengths)
+        for run, own in rows.items()
+        for numbers, data, begins, lengths in take.scene_blocks(own)
+        for block in people_blocks(run, numbers, data, begins, lengths)
     )
     try:
         people = assembled("people", blocks, TimeAxis.of(times, by_sensor))
