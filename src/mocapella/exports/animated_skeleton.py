@@ -12,7 +12,7 @@ from mocapella.geometry.bone_rotations import local_rotations
 from mocapella.geometry.swing_twist import quaternions
 from mocapella.model.humanoid_motion import HumanoidMotion, humanoid_motion
 from mocapella.model.humanoid_skin import humanoid_skin
-from mocapella.model.rest_pose import RigidMotion, rigid_motion, skeleton_of
+from mocapella.model.rest_pose import SkeletonMotion, rigid_motion, skeleton_of
 from mocapella.model.skin import SkinnedSurface, capsules, rest_positions
 from mocapella.model.trajectories import Trajectories
 
@@ -38,7 +38,7 @@ class AnimatedSkeleton:
     """
 
     name: str
-    motion: RigidMotion
+    motion: SkeletonMotion
     rest: Float64
     skin: SkinnedSurface
     rotations: Float64
@@ -46,7 +46,7 @@ class AnimatedSkeleton:
     notes: list[str]
 
 
-def motion_of(trajectories: Trajectories, humanoid: str | None) -> RigidMotion:
+def motion_of(trajectories: Trajectories, humanoid: str | None) -> SkeletonMotion:
     """Return the motion of one individual: of a humanoid if people or bodies have one, else of its own keypoints.
 
     Args:
@@ -86,13 +86,13 @@ def animated_skeleton(trajectories: Trajectories, humanoid: str | None) -> Anima
     )  # fmt: skip
 
 
-def residual_mm(motion: RigidMotion) -> tuple[float, float]:
+def residual_mm(motion: SkeletonMotion) -> tuple[float, float]:
     """Return median and 95th percentile of the distances between rigid and measured joints [mm]; NaN without any."""
     known = motion.error_m[np.isfinite(motion.error_m)]
     return (float(1000 * np.median(known)), float(1000 * np.percentile(known, 95))) if len(known) else (np.nan, np.nan)
 
 
-def notes_of(motion: RigidMotion) -> list[str]:
+def notes_of(motion: SkeletonMotion) -> list[str]:
     """Return sentences about the residual of rigid bones, held joints, and the twists that were observed."""
     median, most = residual_mm(motion)
     notes = [f"bones are rigid: joints are {median:.0f} mm off in the median, {most:.0f} mm at 95 %"]
@@ -107,7 +107,7 @@ def notes_of(motion: RigidMotion) -> list[str]:
     return notes
 
 
-def _marks(motion: RigidMotion) -> dict[str, Any]:
+def _marks(motion: SkeletonMotion) -> dict[str, Any]:
     names = motion.skeleton.names
     marks: dict[str, Any] = {"held": _stretches(names, motion.held)}
     if isinstance(motion, HumanoidMotion):

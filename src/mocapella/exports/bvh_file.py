@@ -7,19 +7,20 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from mocapella.errors import SettingsError
+from mocapella.exports import bvh_kernels as kernels
 from mocapella.exports.animated_skeleton import motion_of, notes_of
-from mocapella.geometry.bone_rotations import local_rotations
-from mocapella.model.rest_pose import RigidSkeleton
+from mocapella.model.rest_pose import FRAMES_AT_ONCE, RigidSkeleton
 from mocapella.model.trajectories import Trajectories
 
 Float64 = NDArray[np.float64]
 
 CM_PER_M: Final = 100.0
 TURNS: Final = "Zrotation Xrotation Yrotation"
-_ROWS_AT_ONCE: Final = 4096
-"""Number of frames that are written at a time, so that memory stays small."""
+_DIGITS: Final = 6
+_LONGEST_NUMBER: Final = 20
+"""Largest size of a number with its space [bytes]."""
 _LEAST_END_CM: Final = 2.0
 """Least length of the end of a joint without children [cm]."""
 
@@ -45,22 +46,28 @@ def write_bvh(trajectories: Trajectories, path: Path, *, humanoid: str | None = 
     """
     motion = motion_of(trajectories, humanoid)
     skeleton = motion.skeleton
-    order = _depth_first(skeleton)
+    order = np.array(_depth_first(skeleton))
     lines = ["HIERARCHY", *_joint(skeleton, 0, 0), "MOTION", f"Frames: {len(trajectories)}"]
     lines.append(f"Frame Time: {1.0 / trajectories.rate_hz:.9f}")
-    row_text = " ".join(["%.6f"] * (3 + 3 * len(order))) + "\n"
     last = np.zeros((len(order), 3))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write("\n".join(lines) + "\n")
-        for begin in range(0, len(trajectories), _ROWS_AT_ONCE):
-            some = slice(begin, begin + _ROWS_AT_ONCE)
-            local = local_rotations(skeleton.parents, motion.R[some])[:, order].reshape(-1, 3, 3)
-            turns = Rotation.from_matrix(local).as_euler("ZXY", degrees=True).reshape(-1, len(order), 3)
-            angles = np.unwrap(np.concatenate([last[None], turns]), axis=0, period=360.0)[1:]
-            last = angles[-1]
-            rows = np.concatenate([CM_PER_M * motion.root[some], angles.reshape(len(angles), -1)], axis=1)
-            file.writelines(row_text % tuple(row) for row in rows.tolist())
+    with path.open("wb") as file:
+        file.write(("\n".join(lines) + "\n").encode())
+        for begin in range(0, len(trajectories), FRAMES_AT_ONCE):
+            some = slice(begin, begin + FRAMES_AT_ONCE)
+            root = CM_PER_M * motion.root[some]
+            angles = np.empty((len(root), 3 * len(order)))
+            kernels.turns(skeleton.parents, order, motion.rotations(some), last, angles)
+            file.write(_lines(np.concatenate([root, angles], axis=1)))
     return notes_of(motion)
+
+
+def _lines(rows: Float64) -> bytes:
+    """Return the text of rows of numbers."""
+    text = np.empty(_LONGEST_NUMBER * rows.size, np.uint8)
+    size = kernels.write_decimals(rows, _DIGITS, text)
+    if size < 0:
+        raise SettingsError(f"a number is not finite, or {np.abs(rows).max()} is too large for a BVH")
+    return text[:size].tobytes()
 
 
 def _depth_first(skeleton: RigidSkeleton, joint: int = 0) -> list[int]:

@@ -91,22 +91,14 @@ def diagonalise(N: Float64, V: Float64) -> None:
                     V[k, a], V[k, b] = c * x - s * y, s * x + c * y
 
 
-@njit(cache=True, error_model="numpy")
-def align(M: Float64, offset: float, T: Float64) -> None:
-    """Write the rigid motion ``T_p_q`` that best aligns the points of the moments M (least squares, Horn).
+@njit(cache=True, nogil=True, error_model="numpy")
+def rotation_of(S: Float64, R: Float64) -> None:
+    """Write the rotation that best turns vectors to others, by the quaternion of Horn (1987).
 
     Args:
-        M: (`alignment.MOMENTS`,), with a sum of weights above 0.
-        offset: clock offset of q [s].
-        T: (4, 4) written.
+        S: (3, 3) sum over the pairs of weight · vector · other vectorᵀ.
+        R: (3, 3) or larger; its first rows and columns are written.
     """
-    W = M[0]
-    mp, mq, S = np.empty(3), np.empty(3), np.empty((3, 3))
-    for i in range(3):
-        mp[i], mq[i] = M[1 + i] / W, (M[4 + i] + offset * M[16 + i]) / W
-    for i in range(3):
-        for k in range(3):
-            S[k, i] = M[7 + 3 * i + k] + offset * M[19 + 3 * i + k] - W * mp[i] * mq[k]
     N, V = np.empty((4, 4)), np.empty((4, 4))
     N[0, 0] = S[0, 0] + S[1, 1] + S[2, 2]
     N[0, 1] = S[1, 2] - S[2, 1]
@@ -128,9 +120,28 @@ def align(M: Float64, offset: float, T: Float64) -> None:
             best = i
     w, x = V[0, best], V[1, best]
     y, z = V[2, best], V[3, best]
-    T[0, 0], T[0, 1], T[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    T[1, 0], T[1, 1], T[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    T[2, 0], T[2, 1], T[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@njit(cache=True, error_model="numpy")
+def align(M: Float64, offset: float, T: Float64) -> None:
+    """Write the rigid motion ``T_p_q`` that best aligns the points of the moments M (least squares, Horn).
+
+    Args:
+        M: (`alignment.MOMENTS`,), with a sum of weights above 0.
+        offset: clock offset of q [s].
+        T: (4, 4) written.
+    """
+    W = M[0]
+    mp, mq, S = np.empty(3), np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        mp[i], mq[i] = M[1 + i] / W, (M[4 + i] + offset * M[16 + i]) / W
+    for i in range(3):
+        for k in range(3):
+            S[k, i] = M[7 + 3 * i + k] + offset * M[19 + 3 * i + k] - W * mp[i] * mq[k]
+    rotation_of(S, T)
     for i in range(3):
         T[i, 3] = mp[i] - T[i, 0] * mq[0] - T[i, 1] * mq[1] - T[i, 2] * mq[2]
     T[3, 0] = T[3, 1] = T[3, 2] = 0.0

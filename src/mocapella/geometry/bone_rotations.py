@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Int64 = NDArray[np.int64]
 
 _TINY: float = 1e-9
 
 
-def joint_rotations(parents: Int64, offsets: Float64, positions: Float64) -> Float64:
+def joint_rotations(parents: Int64, offsets: Float64, positions: Floats) -> Float64:
     """Return the rotation of each joint that turns its bones, at rest along ``offsets``, to the measured ones.
 
     A joint with several bones has the rotation with the least squared error of their ends at the length at rest (W.
@@ -31,29 +32,25 @@ def joint_rotations(parents: Int64, offsets: Float64, positions: Float64) -> Flo
     Returns:
         (..., joints, 3, 3) rotations from the rest pose to the axes of ``positions``.
     """
-    count = len(parents)
-    R = np.empty((*positions.shape[:-1], 3, 3))
-    for joint in range(count):
-        before = np.broadcast_to(np.eye(3), R[..., joint, :, :].shape) if joint == 0 else R[..., parents[joint], :, :]
-        children = np.flatnonzero(parents == joint)
-        measured = positions[..., children, :] - positions[..., joint, None, :]
-        R[..., joint, :, :] = _turned(before, offsets[children], measured)
-    return R
+    from mocapella.geometry import bone_rotation_kernels as kernels  # imports numba
+
+    lengths = np.linalg.norm(offsets, axis=1)
+    bones = [_determining(offsets, lengths, np.flatnonzero(parents == joint)) for joint in range(len(parents))]
+    first = np.concatenate([[0], np.cumsum([len(own) for own in bones])])
+    children = np.concatenate(bones)
+    measured = np.ascontiguousarray(positions, np.float64).reshape(-1, len(parents), 3)
+    R = np.empty((*measured.shape, 3))
+    rest = offsets[children] / lengths[children, None]
+    kernels.joint_rotations(parents, first, children, rest, lengths[children] ** 2, measured, R)
+    return R.reshape(*positions.shape, 3)
 
 
-def _turned(before: Float64, rest: Float64, measured: Float64) -> Float64:
-    """Return the rotation (..., 3, 3) of one joint's bones, from rest (bones, 3) to measured (..., bones, 3)."""
-    length = np.linalg.norm(rest, axis=1)
-    long = length > _TINY
-    length, rest, measured = length[long], _unit(rest[long]), _unit(measured[..., long, :])
-    if not len(rest):
-        return before
-    if np.linalg.matrix_rank(rest, tol=0.1) > 1:
-        u, _, vt = np.linalg.svd(np.einsum("b,...bi,bj->...ij", length**2, measured, rest))
-        flip = np.ones(u.shape[:-1])
-        flip[..., 2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
-        return np.asarray((u * flip[..., None, :]) @ vt)
-    return shortest(np.einsum("...ij,j->...i", before, rest[0]), measured[..., 0, :]) @ before
+def _determining(offsets: Float64, lengths: Float64, children: Int64) -> Int64:
+    """Return the bones that determine a joint's rotation: those with a length, and of parallel ones the first."""
+    long = children[lengths[children] > _TINY]
+    if len(long) and np.linalg.matrix_rank(offsets[long] / lengths[long, None], tol=0.1) < 2:
+        return long[:1]
+    return long
 
 
 def shortest(start: Float64, end: Float64) -> Float64:
@@ -61,22 +58,12 @@ def shortest(start: Float64, end: Float64) -> Float64:
 
     Between opposite directions, it is half a turn about one of the axes across. NaN or 0 as ``end`` turns nothing.
     """
-    end = np.where(np.linalg.norm(end, axis=-1, keepdims=True) > 0.5, end, start)
-    axis = np.cross(start, end)
-    cosine = np.sum(start * end, axis=-1)[..., None, None]
-    x = np.zeros((*axis.shape, 3))
-    x[..., 0, 1], x[..., 0, 2], x[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
-    K = x - np.swapaxes(x, -1, -2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        R = np.eye(3) + K + K @ K / (1.0 + cosine)  # O. Rodrigues
-    across = _unit(np.cross(start, np.eye(3)[np.argmin(np.abs(start), axis=-1)]))
-    half = 2.0 * across[..., :, None] * across[..., None, :] - np.eye(3)
-    return np.where(cosine > -1.0 + 1e-9, R, half)
+    from mocapella.geometry import bone_rotation_kernels as kernels  # imports numba
 
-
-def _unit(vectors: Float64) -> Float64:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(length > _TINY, vectors / np.where(length > _TINY, length, 1.0), 0.0)
+    start, end = np.broadcast_arrays(np.asarray(start, np.float64), np.asarray(end, np.float64))
+    S = np.empty((start.size // 3, 3, 3))
+    kernels.swings(np.ascontiguousarray(start).reshape(-1, 3), np.ascontiguousarray(end).reshape(-1, 3), S)
+    return S.reshape(*start.shape, 3)
 
 
 def posed(parents: Int64, offsets: Float64, root: Float64, R: Float64) -> Float64:

@@ -18,7 +18,7 @@ from mocapella.geometry.segment_axes import unit
 from mocapella.geometry.swing_twist import across, faded, of_two_directions, swung, twist_angle, twisted
 from mocapella.model.humanoid_bones import BONES, FINGERS, HumanoidBone, humanoid_names, parent_of
 from mocapella.model.humanoid_joints import INDEX, JOINTS, average_joints, determined, joints_of
-from mocapella.model.rest_pose import RigidMotion, RigidSkeleton, held_rows
+from mocapella.model.rest_pose import RigidSkeleton, SkeletonMotion, held_rows
 from mocapella.model.rigged_mesh import smooth
 from mocapella.model.skin import rest_positions
 from mocapella.model.trajectories import Trajectories
@@ -42,7 +42,7 @@ _OF_HIPS: Final = ("HipLeft", "HipRight", "SpineBase", "SpineMid")
 
 
 @dataclass(frozen=True, eq=False)
-class HumanoidMotion(RigidMotion):
+class HumanoidMotion(SkeletonMotion):
     """Poses of a named humanoid over time; the skeleton has its names, and its joints are in the order of ``parts``.
 
     Attributes:
@@ -51,6 +51,7 @@ class HumanoidMotion(RigidMotion):
         twisting: (joints,) whether a twist of the bone can be observed at all.
         observed: (frames, joints) whether it is; where not, it is zero or fades to it.
         joints: (67, 3) `JOINTS` at rest, the root's at 0 [m].
+        turns: (frames, joints, 3, 3) the rotations.
     """
 
     humanoid: str
@@ -58,6 +59,11 @@ class HumanoidMotion(RigidMotion):
     twisting: Bools
     observed: Bools
     joints: Float64
+    turns: Float64
+
+    def rotations(self, frames: slice) -> Float64:
+        """Return the rotations (frames, joints, 3, 3) of the bones in some frames."""
+        return self.turns[frames]
 
 
 def humanoid_motion(trajectories: Trajectories, humanoid: str) -> HumanoidMotion:
@@ -187,8 +193,8 @@ class _Solver:
         error = np.where(known, np.linalg.norm(placed - begins, axis=2), np.nan)
         unobserved = np.zeros(len(R), np.bool_)
         return HumanoidMotion(
-            skeleton, root, R, held, error, humanoid, parts, np.array([part in self.observed for part in parts]),
-            np.stack([self.observed.get(part, unobserved) for part in parts], axis=1), self._at_rest(skeleton, size),
+            skeleton, root, held, error, humanoid, parts, np.array([part in self.observed for part in parts]),
+            np.stack([self.observed.get(part, unobserved) for part in parts], axis=1), self._at_rest(skeleton, size), R,
         )  # fmt: skip
 
     def _beginning(self, bone: HumanoidBone) -> Float64:

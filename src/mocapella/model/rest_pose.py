@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +15,7 @@ from mocapella.geometry.bone_rotations import joint_rotations, posed
 from mocapella.model.trajectories import Trajectories
 
 Float64 = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Int64 = NDArray[np.int64]
 
 _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...]] = (
@@ -25,6 +27,8 @@ _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...
 )
 """Directions of bones in a T pose by a word in the name of the joint at their end, of the left side."""
 _UP: Final = (0.0, 1.0, 0.0)
+FRAMES_AT_ONCE: Final = 4096
+"""Number of frames whose rotations are made at a time, so that memory stays small."""
 _MOST_FRAMES: Final = 2000
 """Largest number of frames for these angles, evenly over all that are whole."""
 _ROUNDS: Final = 4
@@ -49,13 +53,12 @@ class RigidSkeleton:
 
 
 @dataclass(frozen=True, eq=False)
-class RigidMotion:
+class SkeletonMotion(ABC):
     """Poses of a rigid skeleton over time.
 
     Attributes:
         skeleton: the skeleton.
         root: (frames, 3) position of the root in the world [m].
-        R: (frames, joints, 3, 3) rotations of the joints from the rest pose to the world.
         held: (frames, joints) whether a joint is unknown and keeps the position relative to its parent.
         error_m: (frames, joints) distance of the joints from the measured ones, because measured bones change their
             lengths; NaN where held [m].
@@ -63,9 +66,32 @@ class RigidMotion:
 
     skeleton: RigidSkeleton
     root: Float64
-    R: Float64
     held: NDArray[np.bool_]
     error_m: Float64
+
+    @abstractmethod
+    def rotations(self, frames: slice) -> Float64:
+        """Return the rotations (frames, joints, 3, 3) of the joints in some frames, from the rest pose to the world."""
+
+    @property
+    def R(self) -> Float64:  # noqa: N802 - a rotation's symbol
+        """(frames, joints, 3, 3) all rotations."""
+        return self.rotations(slice(None))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion(SkeletonMotion):
+    """Poses of a rigid skeleton that follows measured joints.
+
+    Attributes:
+        joints: (frames, joints, 3) measured positions, without gaps [m].
+    """
+
+    joints: Floats
+
+    def rotations(self, frames: slice) -> Float64:
+        """Return the rotations (frames, joints, 3, 3) of the joints in some frames; see `joint_rotations`."""
+        return joint_rotations(self.skeleton.parents, self.skeleton.offsets, self.joints[frames])
 
 
 def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
@@ -156,10 +182,13 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
         relative = measured[:, joint] - measured[:, parent]
         held = held_rows(relative, both) if both.any() else np.broadcast_to(skeleton.offsets[joint], relative.shape)
         filled[:, joint] = np.where(known[:, joint, None], measured[:, joint], filled[:, parent] + held)
-    R = joint_rotations(skeleton.parents, skeleton.offsets, filled)
-    placed = posed(skeleton.parents, skeleton.offsets, filled[:, 0], R)
-    error = np.where(known, np.linalg.norm(placed - measured, axis=2), np.nan)
-    return RigidMotion(skeleton, filled[:, 0], R, ~known, error)
+    error = np.full(known.shape, np.nan)
+    for begin in range(0, len(filled), FRAMES_AT_ONCE):
+        some = slice(begin, begin + FRAMES_AT_ONCE)
+        R = joint_rotations(skeleton.parents, skeleton.offsets, filled[some])
+        placed = posed(skeleton.parents, skeleton.offsets, filled[some, 0], R)
+        error[some] = np.where(known[some], np.linalg.norm(placed - measured[some], axis=2), np.nan)
+    return RigidMotion(skeleton, filled[:, 0], ~known, error, filled)
 
 
 def held_rows(values: Float64, known: NDArray[np.bool_]) -> Float64:
