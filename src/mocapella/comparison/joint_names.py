@@ -165,7 +165,9 @@ def _layouts() -> dict[str, tuple[tuple[str, ...], dict[str, Terms]]]:
     return found
 
 
-def weighted(positions: Float64, states: Any, keypoints: Sequence[str], terms: Terms) -> tuple[Float64, Any]:
+def weighted(
+    positions: NDArray[np.floating], states: Any, keypoints: Sequence[str], terms: Terms
+) -> tuple[Float64, Any]:
     """Return the positions and states of a joint.
 
     Args:

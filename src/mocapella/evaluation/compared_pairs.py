@@ -118,7 +118,9 @@ def _positions(room: object, at_s: Float64) -> Float64:
     return np.stack([room.positions_at(round(t * NS_PER_S)) for t in at_s.tolist()])  # type: ignore[attr-defined]
 
 
-def _made(at: Float64, x: Float64, names: tuple[str, ...], joints: tuple[str, ...], rate_hz: float) -> Trajectories:
+def _made(
+    at: Float64, x: NDArray[np.floating], names: tuple[str, ...], joints: tuple[str, ...], rate_hz: float
+) -> Trajectories:
     known = np.isfinite(x).all(axis=3)
     states = np.where(known, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8)
     sd = np.full(known.shape, np.nan, np.float32)

@@ -64,7 +64,7 @@ class BoneLengthVariation(msgspec.Struct, frozen=True):
     reference_where_ours: float
 
 
-def agreement(ours: Float64, reference: Float64) -> Agreement:
+def agreement(ours: Float64, reference: NDArray[np.floating]) -> Agreement:
     """Compare points (..., 3) with a reference (..., 3) in the same frame [m]; missing points are NaN.
 
     At least one point must be in both.

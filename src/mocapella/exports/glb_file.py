@@ -147,7 +147,7 @@ def _animation(one: AnimatedSkeleton, times_s: NDArray[np.float64], buffer: _Buf
     channels: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
 
-    def add(node: int, path: str, values: NDArray[np.float64]) -> None:
+    def add(node: int, path: str, values: NDArray[np.floating]) -> None:
         constant = bool(np.all(np.abs(values - values[0]) < 1e-9))
         keys = buffer.add(values[:1] if constant else values)
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})

@@ -33,7 +33,7 @@ def write_trc(trajectories: Trajectories, path: Path) -> None:
         points=trajectories.keypoints,
         frames=np.arange(1, frames + 1),
         at_s=trajectories.times_s,
-        positions=trajectories.positions[:, 0],
+        positions=trajectories.positions[:, 0].astype(np.float64),
         sds=trajectories.sd[:, 0].astype(np.float64),
         residuals_px=np.full((frames, points), math.nan),
         views=np.zeros((frames, points), np.int64),

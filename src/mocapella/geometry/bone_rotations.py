@@ -66,7 +66,7 @@ def shortest(start: Float64, end: Float64) -> Float64:
     return S.reshape(*start.shape, 3)
 
 
-def posed(parents: Int64, offsets: Float64, root: Float64, R: Float64) -> Float64:
+def posed(parents: Int64, offsets: Float64, root: Floats, R: Float64) -> Float64:
     """Return the joints' positions by forward kinematics (..., joints, 3).
 
     Args:

@@ -32,6 +32,8 @@ def with_hands(people: Trajectories, found: Mapping[str, Trajectories]) -> Traje
         found: trajectories by kind, of the same frames; ``hands`` and ``arms`` are used.
     """
     sources = [found[kind] for kind in ("hands", "arms") if kind in found]
+    if not sources:
+        return people
     try:
         wrists = np.stack([joints_of(people.of(name))[0] for name in people.individuals], axis=1)
     except SettingsError:
@@ -58,10 +60,12 @@ def with_hands(people: Trajectories, found: Mapping[str, Trajectories]) -> Traje
 
 def _hands(
     sources: list[Trajectories], side: str, frames: int
-) -> tuple[Float64, NDArray[np.uint8], NDArray[np.float32]]:
+) -> tuple[NDArray[np.floating], NDArray[np.uint8], NDArray[np.float32]]:
     """Return landmarks (frames, hands, 21, 3), states and sd (frames, hands, 21) of all hands of a side."""
     shape = (frames, 0, len(LANDMARKS))
-    parts = [(np.empty((*shape, 3)), np.empty(shape, np.uint8), np.empty(shape, np.float32))]
+    parts: list[tuple[NDArray[np.floating], NDArray[np.uint8], NDArray[np.float32]]] = [
+        (np.empty((*shape, 3), np.float32), np.empty(shape, np.uint8), np.empty(shape, np.float32))
+    ]
     for source in sources:
         own = [k for k, name in enumerate(source.individuals) if name.endswith(f"_{side}")]
         at = np.ix_(range(frames), own, [source.keypoints.index(name) for name in LANDMARKS])

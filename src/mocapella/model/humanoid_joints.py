@@ -67,7 +67,7 @@ def joints_of(trajectories: Trajectories) -> tuple[Float64, Float64]:
     mapping, names = _mapping(trajectories)
     at = [trajectories.keypoints.index(name) for name in names]
     joints = np.full((len(trajectories), len(JOINTS), 3), np.nan)
-    joints[:, : len(SKELETON)] = mapping.positions(trajectories.positions[:, 0, at])
+    joints[:, : len(SKELETON)] = mapping.positions(trajectories.positions[:, 0, at].astype(np.float64))
     for k, name in enumerate(trajectories.keypoints):
         if name in HAND_LANDMARKS:
             joints[:, INDEX[name]] = trajectories.positions[:, 0, k]
@@ -76,7 +76,7 @@ def joints_of(trajectories: Trajectories) -> tuple[Float64, Float64]:
             _take_hand(joints, side)
     noses = [k for k, name in enumerate(trajectories.keypoints) if name.lower() == "nose"]
     nose = trajectories.positions[:, 0, noses[0]] if noses else np.full((len(trajectories), 3), np.nan)
-    return joints, nose
+    return joints, nose.astype(np.float64)
 
 
 def _take_hand(joints: Float64, side: str) -> None:

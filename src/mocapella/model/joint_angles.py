@@ -310,8 +310,8 @@ def _angles(group: _Measured, points: Points) -> Float64:
     return np.stack(group.group.compute(points), axis=-1)
 
 
-def _mean(terms: Mapping[int, float], positions: Float64) -> Float64:
-    return np.asarray(sum(weight * positions[..., k, :] for k, weight in terms.items()))
+def _mean(terms: Mapping[int, float], positions: NDArray[np.floating]) -> Float64:
+    return np.asarray(sum(np.float64(weight) * positions[..., k, :] for k, weight in terms.items()))
 
 
 def _sd(

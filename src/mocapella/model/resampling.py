@@ -65,7 +65,8 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
     fits = count * people * points * 24 <= _MOST_BYTES
     check(fits, "number of frames", count, "fewer: choose a lower rate or fewer individuals, or export the runs apart")
     times = first + np.arange(count) / rate
-    positions, sd = np.full((count, people, points, 3), np.nan), np.full((count, people, points), np.nan, np.float32)
+    positions = np.full((count, people, points, 3), np.nan, old.positions.dtype)
+    sd = np.full((count, people, points), np.nan, np.float32)
     states = np.zeros((count, people, points), np.uint8)
     angles = np.full((count, people, len(old.angle_names)), np.nan) if old.angle_names else old.angles
     poses = None if old.poses is None else np.full((count, people, 4, 4), np.nan)

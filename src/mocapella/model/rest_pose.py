@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from mocapella.model.trajectories import Trajectories
 
 Float64 = NDArray[np.float64]
 Floats = NDArray[np.floating]
+_Float = TypeVar("_Float", bound=np.floating)
 Int64 = NDArray[np.int64]
 
 _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...]] = (
@@ -65,7 +66,7 @@ class SkeletonMotion(ABC):
     """
 
     skeleton: RigidSkeleton
-    root: Float64
+    root: Floats
     held: NDArray[np.bool_]
     error_m: Float64
 
@@ -134,10 +135,10 @@ def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
     return RigidSkeleton(tuple(order), tuple(trajectories.keypoints[joint] for joint in order), parents, offsets)
 
 
-def _adapted(parents: Int64, offsets: Float64, positions: Float64) -> Float64:
+def _adapted(parents: Int64, offsets: Float64, positions: Floats) -> Float64:
     """Return offsets whose angles between the bones of a joint are nearer to the measured ones (frames, joints, 3)."""
     R = joint_rotations(parents, offsets, positions)
-    own = np.einsum("fjki,fjk->fji", R[:, parents[1:]], positions[:, 1:] - positions[:, parents[1:]])
+    own: Float64 = np.einsum("fjki,fjk->fji", R[:, parents[1:]], positions[:, 1:] - positions[:, parents[1:]])
     mean = own.mean(axis=0)
     lengths = np.linalg.norm(offsets[1:], axis=1, keepdims=True)
     found = np.linalg.norm(mean, axis=1, keepdims=True)
@@ -191,7 +192,7 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
     return RigidMotion(skeleton, filled[:, 0], ~known, error, filled)
 
 
-def held_rows(values: Float64, known: NDArray[np.bool_]) -> Float64:
+def held_rows(values: NDArray[_Float], known: NDArray[np.bool_]) -> NDArray[_Float]:
     """Replace unknown rows by the last known one, or by the first known one before it."""
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     return np.asarray(values[np.where(last >= 0, last, np.argmax(known))])

@@ -22,6 +22,7 @@ from mocapella.model.scene import Scene
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 Bones = tuple[tuple[int, int], ...]
@@ -44,7 +45,8 @@ class Trajectories:
         runs: (frames,) number of the tracker's run.
         individuals: names, such as ``person_1``.
         keypoints: names of the keypoints.
-        positions: (frames, individuals, keypoints, 3), world [m]; NaN where unknown.
+        positions: (frames, individuals, keypoints, 3), world [m]; NaN where unknown. Of scenes, they are single
+            precise: a hundredth of a millimetre at 100 m, in half the memory.
         states: (frames, individuals, keypoints) `JointState`; not tracked where an individual is absent.
         sd: (frames, individuals, keypoints) float32, standard deviation of a coordinate [m]; NaN where unknown.
         bones: (parent, child) indices of keypoints.
@@ -63,7 +65,7 @@ class Trajectories:
     runs: Int64
     individuals: tuple[str, ...]
     keypoints: tuple[str, ...]
-    positions: Float64
+    positions: Floats
     states: UInt8
     sd: Float32
     bones: Bones = ()
@@ -110,7 +112,7 @@ class Trajectories:
                 makes positions and poses unknown, and their keypoints not tracked.
         """
         T = np.broadcast_to(T_to_world, (len(self), 4, 4))[:, None]
-        positions = apply(T, self.positions)
+        positions = apply(T, self.positions).astype(self.positions.dtype)
         lost = ~np.all(np.isfinite(positions), axis=3)
         return replace(
             self,
@@ -394,7 +396,7 @@ class _Dense:
         self.places = {name: i for i, name in enumerate(individuals)}
         self.known = np.zeros((max(_AT_FIRST, len(individuals)), frames), np.bool_)
         shapes = {"positions": (points, 3), "states": (points,), "sd": (points,), "angles": (angles,), "poses": (4, 4)}
-        types = {"states": np.uint8, "sd": np.float32}
+        types = {"positions": np.float32, "states": np.uint8, "sd": np.float32}
         self.arrays: dict[str, NDArray[Any]] = {
             name: np.empty((*self.known.shape, *shape), types.get(name, np.float64)) for name, shape in shapes.items()
         }
