@@ -30,7 +30,7 @@ _ZSTD_LEVEL: Final = 1
 class Texts(NamedTuple):
     """A column of texts: a code of each row, and the text of each code."""
 
-    codes: NDArray[np.int64]
+    codes: NDArray[np.integer]
     names: tuple[str, ...]
 
     def texts(self) -> list[str]:
@@ -49,25 +49,21 @@ def long_columns(trajectories: Trajectories) -> dict[str, Texts | NDArray[Any]]:
     keypoints. ``state`` is measured, inferred or unknown; unknown coordinates [m] are NaN, and missing labels are
     empty texts, as is a participant of −9999.
     """
-    frames, people = np.nonzero(trajectories.present)
-    points = len(trajectories.keypoints)
-    each = np.repeat(np.arange(len(frames)), points)
-    keypoints = np.tile(np.arange(points), len(frames))
-    f, i = frames[each], people[each]
-    where = (f, i, keypoints)
-    x, y, z = np.moveaxis(trajectories.positions[where], -1, 0)
-    runs = trajectories.runs[f]
+    present, points = trajectories.present, len(trajectories.keypoints)
+    frames, people = np.nonzero(present)
+    labels = {label: labels_of_runs(trajectories.labels, label, trajectories.runs) for label in LABELS}
+    x, y, z = np.ascontiguousarray(trajectories.positions[present].reshape(-1, 3).T)
     return {
-        "time_s": trajectories.times_s[f],
-        "run": runs,
-        **{label: labels_of_runs(trajectories.labels, label, runs) for label in LABELS},
-        "individual": Texts(i, trajectories.individuals),
-        "keypoint": Texts(keypoints, trajectories.keypoints),
-        "state": Texts(trajectories.states[where].astype(np.int64), STATES),
+        "time_s": np.repeat(trajectories.times_s[frames], points),
+        "run": np.repeat(trajectories.runs[frames], points),
+        **{label: Texts(np.repeat(some.codes[frames], points), some.names) for label, some in labels.items()},
+        "individual": Texts(np.repeat(people.astype(np.uint32), points), trajectories.individuals),
+        "keypoint": Texts(np.tile(np.arange(points, dtype=np.uint32), len(frames)), trajectories.keypoints),
+        "state": Texts(trajectories.states[present].ravel(), STATES),
         "x_m": x,
         "y_m": y,
         "z_m": z,
-        "sd_m": trajectories.sd[where],
+        "sd_m": trajectories.sd[present].ravel(),
     }
 
 
@@ -79,8 +75,8 @@ def labels_of_runs(labels: Mapping[int, Mapping[str, Any]], label: str, runs: ND
     texts = {run: label_texts(own)[label] for run, own in labels.items()}
     names = tuple(dict.fromkeys(["", *texts.values()]))
     known, rows = np.unique(runs, return_inverse=True)
-    codes = np.array([names.index(texts.get(run, "")) for run in known.tolist()], dtype=np.int64)
-    return Texts(codes[rows] if len(rows) else rows, names)
+    codes = np.array([names.index(texts.get(run, "")) for run in known.tolist()], dtype=np.uint32)
+    return Texts(codes[rows], names)
 
 
 def wide_names(trajectories: Trajectories) -> list[str]:

@@ -34,7 +34,7 @@ from mocapella.schema import decode_frame, decode_scene, decode_truth
 T = TypeVar("T")
 _FIX = "name a take that is there, such as NAME.mcap"
 MOST_SKIPPED: Final = 100
-_BYTES_AT_ONCE: Final = 1 << 23
+_BYTES_AT_ONCE: Final = 1 << 22
 _GAP_BYTES: Final = 1 << 16
 """Largest gap between two scenes that is read with them, rather than skipped."""
 _ManyScenes = tuple[NDArray[np.int64], bytes, NDArray[np.int64], NDArray[np.int64]]
@@ -207,12 +207,12 @@ class Take:
         """
         with ExitStack() as stack:
             files = self._open(stack)
-            table = self._index.scenes.array[numbers]
-            for some in _spans(table):
-                begins, last = table[some, OFFSET], table[some.stop - 1]
+            places = self._index.scenes.array[numbers, : LENGTH + 1]
+            for some in _spans(places):
+                begins, last = places[some, OFFSET], places[some.stop - 1]
                 length = int(last[OFFSET] + last[LENGTH] - begins[0])
                 data = self._bytes(files, Ref(int(last[PART]), int(begins[0]), length, 0))
-                yield numbers[some], data, begins - begins[0], table[some, LENGTH]
+                yield numbers[some], data, begins - begins[0], places[some, LENGTH]
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
         """Yield (log_ns, ground truth) for the frames of a simulated sensor."""

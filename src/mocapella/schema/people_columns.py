@@ -31,11 +31,14 @@ from mocapella.schema.people_kernels import (
     number_texts,
 )
 from mocapella.schema.people_kernels import STATES as JOINT_STATES
+from mocapella.schema.wire_kernels import BYTES, MESSAGE
 from mocapella.schema.wire_shapes import shapes_of
 
 Int64 = NDArray[np.int64]
 
-_SHAPES: Final = shapes_of(pb.Scene, pb.Person)
+_WHOLE: Final = shapes_of(pb.Scene, pb.Person)
+_SHAPES: Final = np.where(_WHOLE >= MESSAGE, np.int8(BYTES), _WHOLE)
+"""Messages within a scene or person are not read, because the take's index has checked them."""
 _KINDS: Final = np.array([0, 1])
 _FIELDS: Final = np.array(
     [pb.Scene.DESCRIPTOR.fields_by_name[name].number for name in ("schema_version", "topology", "people")]
@@ -70,11 +73,13 @@ def people_blocks(run: int, scenes: Int64, data: bytes, begins: Int64, lengths: 
     rows = rows[:count]
     topologies, topology = _texts(array, rows, TOPOLOGY)
     names, name = _texts(array, rows, NAME)
-    key = np.column_stack([topology, name, np.where(rows[:, NAME + 1] > 0, 0, rows[:, ID])])
-    keys, group = np.unique(key, axis=0, return_inverse=True)
+    ids, person_of = np.unique(np.where(rows[:, NAME + 1] > 0, 0, rows[:, ID]), return_inverse=True)
+    key = (topology * len(names) + name) * len(ids) + person_of
     used: set[tuple[int, str]] = set()
-    for number, (kind, called, person) in enumerate(keys.tolist()):
-        own = rows[group.ravel() == number]
+    for one in np.unique(key).tolist():
+        kind, called = divmod(one // len(ids), len(names))
+        person = int(ids[one % len(ids)])
+        own = rows[key == one]
         who = person_name(names[called], person % (1 << 64))
         if (kind, who) in used or (np.diff(own[:, SCENE]) <= 0).any():
             raise WireError("Person.name is not unique in its scene")

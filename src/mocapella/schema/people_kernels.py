@@ -50,7 +50,7 @@ def list_people(
             return -1
         if found[fields[0], 1] != version:
             return -1
-        while at < end:  # all of it is valid, as `read_message` has seen
+        while at < end:  # the fields are valid, as `read_message` has seen
             key, at = read_varint(data, at, end)
             wire = np.int64(key & np.uint64(7))
             if wire == 0:
@@ -65,7 +65,8 @@ def list_people(
                 if np.int64(key >> np.uint64(3)) == fields[2]:
                     if count == len(rows):
                         return -2
-                    read_message(data, at, at + size, shapes, kinds[1], person, scratch_ends, scratch_kinds)
+                    if not read_message(data, at, at + size, shapes, kinds[1], person, scratch_ends, scratch_kinds):
+                        return -1
                     row = rows[count]
                     row[SCENE], row[ID] = scene, person[fields[3], 1]
                     row[TOPOLOGY], row[TOPOLOGY + 1] = found[fields[1], 1], found[fields[1], 2]
@@ -79,9 +80,9 @@ def list_people(
 @njit(cache=True, nogil=True, error_model="numpy")
 def gather(data: UInt8, places: Int64, out: UInt8) -> None:
     """Copy pieces of equal length to ``out`` (n, length) from their places (n,) in ``data``."""
+    size = out.shape[1]
     for i in range(len(places)):
-        for k in range(out.shape[1]):
-            out[i, k] = data[places[i] + k]
+        out[i] = data[places[i] : places[i] + size]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
