@@ -68,7 +68,7 @@ class SkeletonMotion(ABC):
     skeleton: RigidSkeleton
     root: Floats
     held: NDArray[np.bool_]
-    error_m: Float64
+    error_m: Floats
 
     @abstractmethod
     def rotations(self, frames: slice) -> Float64:
@@ -117,15 +117,18 @@ def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
     place = {joint: i for i, joint in enumerate(order)}
     parents = np.array([-1, *(place[children[joint]] for joint in order[1:])])
     positions = trajectories.positions[:, 0, order]
-    bones = positions[:, 1:] - positions[:, parents[1:]]
-    seen = np.all(np.isfinite(bones), axis=2)
-    lengths = np.array([np.median(np.linalg.norm(bones[seen[:, k], k], axis=1)) if seen[:, k].any() else 0.0
-                        for k in range(len(order) - 1)])  # fmt: skip
+    known = np.all(np.isfinite(positions), axis=2)
+    seen = known[:, 1:] & known[:, parents[1:]]
+    lengths = np.zeros(len(order) - 1)
+    for k, (parent, own) in enumerate(zip(parents[1:], seen.T, strict=True)):
+        if own.any():
+            lengths[k] = np.median(np.linalg.norm(positions[own, k + 1] - positions[own, parent], axis=1))
     if trajectories.kind in {"people", "views"}:
         directions = np.array([_direction(trajectories.keypoints[joint]) for joint in order[1:]])
     else:
         fullest = int(np.argmax(seen.sum(axis=1)))
-        directions = np.where(seen[fullest][:, None], bones[fullest], _UP)
+        bones = positions[fullest, 1:] - positions[fullest, parents[1:]]
+        directions = np.where(seen[fullest][:, None], bones, _UP)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     offsets = np.vstack([np.zeros(3), directions * lengths[:, None]])
     whole = np.flatnonzero(np.all(seen, axis=1))
@@ -171,25 +174,25 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
     Raises:
         SettingsError: the root is never known.
     """
-    measured = trajectories.positions[:, 0, list(skeleton.keypoints)]
-    known: NDArray[np.bool_] = np.all(np.isfinite(measured), axis=2)
+    joints = trajectories.positions[:, 0, list(skeleton.keypoints)]
+    known: NDArray[np.bool_] = np.all(np.isfinite(joints), axis=2)
     if not known[:, 0].any():
         raise SettingsError(f"{trajectories.individuals[0]}: {skeleton.names[0]} is never known")
-    filled = measured.copy()
-    filled[:, 0] = held_rows(measured[:, 0], known[:, 0])
+    joints[:, 0] = held_rows(joints[:, 0], known[:, 0])
     for joint in range(1, len(skeleton.parents)):
-        parent = skeleton.parents[joint]
+        parent, lost = skeleton.parents[joint], ~known[:, joint]
         both = known[:, joint] & known[:, parent]
-        relative = measured[:, joint] - measured[:, parent]
-        held = held_rows(relative, both) if both.any() else np.broadcast_to(skeleton.offsets[joint], relative.shape)
-        filled[:, joint] = np.where(known[:, joint, None], measured[:, joint], filled[:, parent] + held)
-    error = np.full(known.shape, np.nan)
-    for begin in range(0, len(filled), FRAMES_AT_ONCE):
+        if lost.any():
+            relative = joints[:, joint] - joints[:, parent]
+            held = held_rows(relative, both)[lost] if both.any() else skeleton.offsets[joint]
+            joints[lost, joint] = joints[lost, parent] + held
+    error = np.full(known.shape, np.nan, np.float32)
+    for begin in range(0, len(joints), FRAMES_AT_ONCE):
         some = slice(begin, begin + FRAMES_AT_ONCE)
-        R = joint_rotations(skeleton.parents, skeleton.offsets, filled[some])
-        placed = posed(skeleton.parents, skeleton.offsets, filled[some, 0], R)
-        error[some] = np.where(known[some], np.linalg.norm(placed - measured[some], axis=2), np.nan)
-    return RigidMotion(skeleton, filled[:, 0], ~known, error, filled)
+        R = joint_rotations(skeleton.parents, skeleton.offsets, joints[some])
+        placed = posed(skeleton.parents, skeleton.offsets, joints[some, 0], R)
+        error[some] = np.where(known[some], np.linalg.norm(placed - joints[some], axis=2), np.nan)
+    return RigidMotion(skeleton, joints[:, 0], ~known, error, joints)
 
 
 def held_rows(values: NDArray[_Float], known: NDArray[np.bool_]) -> NDArray[_Float]:
