@@ -199,7 +199,6 @@ def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Traj
     Raises:
         SettingsError: the take has none of them.
     """
-    from mocapella.model.humanoid_hands import with_hands
     from mocapella.model.trajectories import VIEWS
     from mocapella.recording.take_trajectories import take_trajectories
 
@@ -209,6 +208,8 @@ def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Traj
         what = "results with a sensor's own skeletons" if wishes.raw else f"results for {export.name}"
         raise SettingsError(f"{take.path.name} has no {what}; `mocapella take info {take.path.name}` shows its content")
     if export.humanoids and "people" in found:
+        from mocapella.model.humanoid_hands import with_hands
+
         found["people"] = with_hands(found["people"], found)
     known = [name for some in found.values() for name in some.individuals]
     for name in wishes.people:

@@ -89,7 +89,10 @@ def animated_skeleton(trajectories: Trajectories, humanoid: str | None) -> Anima
 def residual_mm(motion: SkeletonMotion) -> tuple[float, float]:
     """Return median and 95th percentile of the distances between rigid and measured joints [mm]; NaN without any."""
     known = motion.error_m[np.isfinite(motion.error_m)]
-    return (float(1000 * np.median(known)), float(1000 * np.percentile(known, 95))) if len(known) else (np.nan, np.nan)
+    if not len(known):
+        return np.nan, np.nan
+    median, most = 1000.0 * np.percentile(known, (50, 95), overwrite_input=True)
+    return float(median), float(most)
 
 
 def notes_of(motion: SkeletonMotion) -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mocapella.geometry.bone_rotations import shortest
 from mocapella.geometry.segment_axes import unit
@@ -55,6 +54,8 @@ def swung(before: Float64, rest: Float64, direction: Float64) -> Float64:
 
 def twisted(R: Float64, axis: Float64, angle: Float64) -> Float64:
     """Return rotations (..., 3, 3) followed by a rotation by ``angle`` (...,) [rad] about ``axis`` (..., 3)."""
+    from scipy.spatial.transform import Rotation  # it takes most of a second to import
+
     turn = Rotation.from_rotvec((axis * np.asarray(angle)[..., None]).reshape(-1, 3)).as_matrix()
     return np.asarray(turn.reshape(R.shape) @ R)
 
@@ -88,6 +89,8 @@ def quaternions(R: Float64) -> Float64:
     Of the two quaternions of a rotation, each frame has the one nearer to that of the frame before; the first frame's w
     is not negative.
     """
+    from scipy.spatial.transform import Rotation  # it takes most of a second to import
+
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)
     q[:1] *= np.where(q[:1, ..., 3:] < 0, -1.0, 1.0)
     flips = np.where(np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0, -1.0, 1.0)

@@ -70,10 +70,10 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
     states = np.zeros((count, people, points), np.uint8)
     angles = np.full((count, people, len(old.angle_names)), np.nan) if old.angle_names else old.angles
     poses = None if old.poses is None else np.full((count, people, 4, 4), np.nan)
-    known = np.all(np.isfinite(old.positions), axis=3)
     for i in range(people):
         for k in range(points):
-            between = Between.of(old.times_s, known[:, i, k], times, longest_gap_s)
+            known = np.all(np.isfinite(old.positions[:, i, k]), axis=1)
+            between = Between.of(old.times_s, known, times, longest_gap_s)
             if between is None:
                 continue
             to = between.to

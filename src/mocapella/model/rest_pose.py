@@ -28,7 +28,7 @@ _DIRECTIONS: Final[tuple[tuple[tuple[str, ...], tuple[float, float, float]], ...
 )
 """Directions of bones in a T pose by a word in the name of the joint at their end, of the left side."""
 _UP: Final = (0.0, 1.0, 0.0)
-FRAMES_AT_ONCE: Final = 4096
+FRAMES_AT_ONCE: Final = 1024
 """Number of frames whose rotations are made at a time, so that memory stays small."""
 _MOST_FRAMES: Final = 2000
 """Largest number of frames for these angles, evenly over all that are whole."""

@@ -35,6 +35,7 @@ T = TypeVar("T")
 _FIX = "name a take that is there, such as NAME.mcap"
 MOST_SKIPPED: Final = 100
 _BYTES_AT_ONCE: Final = 1 << 22
+_SCENES_AT_ONCE: Final = 1 << 13
 _GAP_BYTES: Final = 1 << 16
 """Largest gap between two scenes that is read with them, rather than skipped."""
 _ManyScenes = tuple[NDArray[np.int64], bytes, NDArray[np.int64], NDArray[np.int64]]
@@ -207,12 +208,14 @@ class Take:
         """
         with ExitStack() as stack:
             files = self._open(stack)
-            places = self._index.scenes.array[numbers, : LENGTH + 1]
-            for some in _spans(places):
-                begins, last = places[some, OFFSET], places[some.stop - 1]
-                length = int(last[OFFSET] + last[LENGTH] - begins[0])
-                data = self._bytes(files, Ref(int(last[PART]), int(begins[0]), length, 0))
-                yield numbers[some], data, begins - begins[0], places[some, LENGTH]
+            for first in range(0, len(numbers), _SCENES_AT_ONCE):
+                own = numbers[first : first + _SCENES_AT_ONCE]
+                places = self._index.scenes.array[own, : LENGTH + 1]
+                for some in _spans(places):
+                    begins, last = places[some, OFFSET], places[some.stop - 1]
+                    length = int(last[OFFSET] + last[LENGTH] - begins[0])
+                    data = self._bytes(files, Ref(int(last[PART]), int(begins[0]), length, 0))
+                    yield own[some], data, begins - begins[0], places[some, LENGTH]
 
     def truths(self, sensor: str) -> Iterator[tuple[int, Truth]]:
         """Yield (log_ns, ground truth) for the frames of a simulated sensor."""

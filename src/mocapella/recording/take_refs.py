@@ -112,10 +112,10 @@ class _Table:
     """Rows of whole numbers, which only grow."""
 
     def __init__(self, columns: int, sensors: SensorNames) -> None:
-        self._columns, self._sensors = columns, sensors
-        self._blocks: list[Int64] = []
+        self._sensors = sensors
+        self._space = np.empty((_AT_ONCE, columns), np.int64)
+        self._used = self._count = 0
         self._rows: list[Sequence[int]] = []
-        self._count = 0
 
     def __len__(self) -> int:
         return self._count
@@ -128,22 +128,29 @@ class _Table:
     def extend(self, block: Int64) -> None:
         """Add rows (n, columns)."""
         self._join()
-        self._blocks.append(block)
+        self._write(block)
         self._count += len(block)
 
     @property
     def array(self) -> Int64:
         """All rows (n, columns), read-only."""
         self._join()
-        if len(self._blocks) != 1:
-            self._blocks = [np.concatenate([np.empty((0, self._columns), np.int64), *self._blocks])]
-        return self._blocks[0]
+        return self._space[: self._used]
 
     def _join(self) -> None:
         if self._rows:
             unsigned = np.array([[value & _UNSIGNED for value in row] for row in self._rows], np.uint64)
-            self._blocks.append(unsigned.view(np.int64))
+            self._write(unsigned.view(np.int64))
             self._rows = []
+
+    def _write(self, block: Int64) -> None:
+        end = self._used + len(block)
+        if end > len(self._space):
+            space = np.empty((max(end, 2 * len(self._space)), self._space.shape[1]), np.int64)
+            space[: self._used] = self._space[: self._used]
+            self._space = space
+        self._space[self._used : end] = block
+        self._used = end
 
     def _lists(self) -> Iterator[list[int]]:
         rows = self.array
