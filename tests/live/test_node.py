@@ -18,7 +18,8 @@ from zenoh import ZError
 
 from mocapella.errors import BusError, NoServerError
 from mocapella.live import node
-from mocapella.live.node import _LOOK_EVERY_S, ANSWER_S, ASK_AFTER_S, DueFrame, Membership, NodeSummary, run_node
+from mocapella.live.due_frame import DueFrame
+from mocapella.live.node import _LOOK_EVERY_S, ANSWER_S, ASK_AFTER_S, Membership, NodeSummary, run_node
 from mocapella.live.server import Server, ServerSettings
 from mocapella.model.observations import body_frame
 from mocapella.model.session import Setup

@@ -181,11 +181,11 @@ def _space(text: str) -> str:
 
 def _humanoid(name: str | None, export: Export) -> str | None:
     """Return the humanoid of ``--humanoid``, checked."""
+    if name is None:
+        return None
     from mocapella.exports.export import EXPORTS
     from mocapella.model.humanoid_bones import humanoid_names
 
-    if name is None:
-        return None
     if not export.humanoids:
         able = ", ".join(each.name for each in EXPORTS.values() if each.humanoids)
         raise SettingsError(f"--humanoid: {export.name} has no bones; formats that have: {able}")

@@ -47,7 +47,7 @@ from mocapella.errors import SettingsError
 from mocapella.settings import check
 
 if TYPE_CHECKING:
-    from mocapella.live.node import DueFrame
+    from mocapella.live.due_frame import DueFrame
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def simulate(
 
     Example:  mocapella node simulate --scene obstacle --sensor right
     """
-    from mocapella.live.node import DueFrame
+    from mocapella.live.due_frame import DueFrame
     from mocapella.sources.simulate import SimulatedSensor, load_scene
 
     disk = read_keys(NodeKeys, settings_file, settings).disk()

@@ -18,7 +18,7 @@ from mocapella.cli.common import record_file, say, write_json
 from mocapella.model.names import plural
 
 if TYPE_CHECKING:
-    from mocapella.live.node import DueFrame
+    from mocapella.live.due_frame import DueFrame
     from mocapella.live.node_disk import NodeDisk
 
 REPORT: Final = KeySpec("Interval between status lines; 0: problems only.", "s", least=0)

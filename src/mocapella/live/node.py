@@ -6,13 +6,12 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 from mocapella.errors import NameTakenError, NoServerError
+from mocapella.live.due_frame import DueFrame
 from mocapella.live.thread_deaths import StopEvent
 from mocapella.live.wall_clock import WallClock
-from mocapella.model.sensor_frame import SensorFrame
-from mocapella.model.truth import Truth
 from mocapella.wire.node import NodeLink
 
 ASK_AFTER_S: Final = 1.5
@@ -22,20 +21,6 @@ ANSWER_S: Final = 0.8
 _LOOK_EVERY_S: Final = 0.5
 _TRIES_BEFORE_NOTICE = 5
 """Failed attempts to join before the user is notified; the first fail while the connection is being made."""
-
-
-class DueFrame(NamedTuple):
-    """A frame to publish, and the time at which to publish it.
-
-    Attributes:
-        due_s: when the frame is to be published, since the source's time 0 [s].
-        frame: the frame; its number and node are set when it is published.
-        truth: ground truth of a simulated frame; else None.
-    """
-
-    due_s: float
-    frame: SensorFrame
-    truth: Truth | None = None
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from mocapella.live.new_take import NewTake
-from mocapella.live.node import DueFrame
+from mocapella.live.due_frame import DueFrame
 from mocapella.live.summary import RunSummary
 from mocapella.live.track_again import RunToTrack, track_runs
 from mocapella.model.scene import Scene, TrackerState
 from mocapella.model.session import Setup
 from mocapella.recording.take import TakeReport
 from mocapella.recording.take_origin import TakeOrigin
+
+if TYPE_CHECKING:
+    from mocapella.live.new_take import NewTake
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ def track_again(
     if path is None:
         found, written = track_runs(runs, on_scene), None
     else:
+        from mocapella.live.new_take import NewTake  # with the whole recorder
+
         size = sum(file.stat().st_size for file in recording.files)
         with NewTake(path, recording.origin(), size_bytes=size) as take:
             found = track_runs(runs, on_scene, take)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import InputError
-from mocapella.live.new_take import NewTake
-from mocapella.live.node import DueFrame
+from mocapella.live.due_frame import DueFrame
 from mocapella.live.recorded import Replayed, track_again
 from mocapella.live.track_again import UNCHANGED, Changes, FrameToTrack, RunToTrack
 from mocapella.model.limits import PARTICIPANT
@@ -26,6 +25,9 @@ from mocapella.sources.body_replay import BodyReplay
 from mocapella.sources.recorded_track import ReplayReport
 from mocapella.sources.study_replay import StudyReplay
 from mocapella.tracker.method import never_tracked
+
+if TYPE_CHECKING:
+    from mocapella.live.new_take import NewTake
 
 
 class _RecordedRows:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -14,8 +14,7 @@ from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.conventions import NS_PER_S
 from mocapella.decoding import FAULTS
 from mocapella.errors import InputError, MocapellaError, PluginError, SettingsError, one_of
-from mocapella.live.new_take import NewTake
-from mocapella.live.node import DueFrame
+from mocapella.live.due_frame import DueFrame
 from mocapella.live.recorded import Replayed, with_problems
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
@@ -33,6 +32,9 @@ from mocapella.registry import Table, load
 from mocapella.schema import encode_scene
 from mocapella.tracker import METHODS
 from mocapella.tracker.method import never_tracked
+
+if TYPE_CHECKING:
+    from mocapella.live.new_take import NewTake
 
 LATE_NS = 100_000_000
 """A frame stored later than its capture time suggests by more than this was fetched later [ns]."""

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from mocapella.calibration.sensor_layout import SensorLayout
 from mocapella.errors import SettingsError
-from mocapella.live.new_take import NewTake
 from mocapella.live.replay import replay
 from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
@@ -26,6 +25,9 @@ from mocapella.recording.take_reader import Take
 from mocapella.schema import encode_frame
 from mocapella.settings import merged
 from mocapella.tracker import METHODS
+
+if TYPE_CHECKING:
+    from mocapella.live.new_take import NewTake
 
 KEPT: Final = ("recalibrate",)
 """Recorded commands that apply to another tracker. Others state ids or the memory of the recorded one, or stop it."""
