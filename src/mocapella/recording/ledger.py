@@ -173,6 +173,14 @@ class NodeLedger:
         self.heard = max(self.heard, number + 1)
         return True
 
+    def put_back_run(self, first: int, count: int) -> bool:
+        """Note frames that follow each other, as `put_back`; False, and none is noted, unless they are the last."""
+        if self._settled is not self._received or not self._received.extend(first, count):
+            return False
+        self.first = self._settled.first if not self.agreed else min(self.first, first)
+        self.heard = max(self.heard, first + count)
+        return True
+
     def has(self, number: int) -> bool:
         """Whether the frame with this sequence number was received."""
         return number in self._received

@@ -23,6 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
 from mocapella.errors import InputError
+from mocapella.recording.checksums import joined_crc
 from mocapella.recording.mcap_file import MAGIC
 
 _HEAD: Final = struct.Struct("<BQ")
@@ -160,7 +161,8 @@ def scan(file: BinaryIO, size: int, name: str, read_chunk: ReadChunk[M] | None =
             continue
         whole = whole and not any(isinstance(event, Damage) for event in events)
         yield from events
-        crc = zlib.crc32(record, crc)
+        if whole and tail is not None:
+            crc = _crc_after(crc, record)
         at += len(record)
     if tail is None:
         yield End(False, torn)
@@ -170,6 +172,17 @@ def scan(file: BinaryIO, size: int, name: str, read_chunk: ReadChunk[M] | None =
     if not tail.summary_good:
         yield Damage(end, size, "the checksum of the index is wrong; the data are not touched by that")
     yield End(True, 0)
+
+
+def _crc_after(crc: int, record: bytes) -> int:
+    """Return a checksum continued by a record; an undamaged chunk has the checksum of its content."""
+    if record[0] != Opcode.CHUNK:
+        return zlib.crc32(record, crc)
+    _, _, _, own, name_length = _CHUNK.unpack_from(record, _HEAD.size)
+    start = _HEAD.size + _CHUNK.size + name_length + 8
+    if own == 0:  # its writer computed none
+        return zlib.crc32(record, crc)
+    return joined_crc(zlib.crc32(record[:start], crc), own, len(record) - start)
 
 
 def _read_tail(file: BinaryIO, size: int) -> _Tail | None:

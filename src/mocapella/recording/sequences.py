@@ -39,6 +39,19 @@ class SequenceRanges:
             lasts.insert(i, number)
         return True
 
+    def extend(self, first: int, count: int) -> bool:
+        """Add numbers that follow each other; return False, and add none, unless all are above the greatest one."""
+        lasts = self._lasts
+        if lasts and first <= lasts[-1]:
+            return False
+        if lasts and first == lasts[-1] + 1:
+            lasts[-1] += count
+        else:
+            self._firsts.append(first)
+            lasts.append(first + count - 1)
+        self._count += count
+        return True
+
     def copy(self) -> SequenceRanges:
         """Return an independent copy."""
         copied = SequenceRanges()

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.decoding import decode_json
@@ -38,7 +39,7 @@ from mocapella.recording.take_refs import (
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
 
-COMPILED_FROM_BYTES: Final = 512 << 20
+COMPILED_FROM_BYTES: Final = 128 << 20
 """Least size of a file whose messages compiled kernels list; for less, loading them takes longer [bytes]."""
 NAMED_AT_MOST: Final = 5
 """Largest number of scenes that the report of scenes without frames names; the others are only counted."""
@@ -217,14 +218,23 @@ class TakeIndex:
         numbers = np.array([self._sensors.number(name) for name in found.sensors])
         for table in (found.frames, found.scenes):
             table[:, PART], table[:, RUN], table[:, SENSOR] = part, run, numbers[table[:, SENSOR]]
-        identities = found.frames[:, SENSOR : SEQUENCE + 1].view(np.uint64).tolist()
-        new = [self._ledger(self._sensors.names[sensor], node).put_back(number) for sensor, node, number in identities]
-        self.frames.extend(found.frames[np.array(new, np.bool_)])
+        self.frames.extend(found.frames[self._put_back(found.frames[:, SENSOR : SEQUENCE + 1].view(np.uint64))])
         for step in found.scenes[:, STEP].view(np.uint64).tolist():
             self._note_step(run, step)
         self.scenes.extend(found.scenes)
         self.parts.update(found.parts)
         self._note_times(found.first_ns, found.last_ns)
+
+    def _put_back(self, identities: NDArray[np.uint64]) -> NDArray[np.bool_]:
+        """Note frames by sensor, node and number (n, 3); return which (n,) were not noted before."""
+        new = np.ones(len(identities), np.bool_)
+        for sensor, node in set(map(tuple, identities[:, :2].tolist())):
+            own = np.flatnonzero((identities[:, 0] == sensor) & (identities[:, 1] == node))
+            ledger, numbers = self._ledger(self._sensors.names[sensor], node), identities[own, 2]
+            follow = bool((np.diff(numbers) == 1).all())
+            if not (follow and ledger.put_back_run(int(numbers[0]), len(numbers))):
+                new[own] = [ledger.put_back(number) for number in numbers.tolist()]
+        return new
 
     def _add_frame(self, frame: pb.BodyFrame, ref: Ref) -> None:
         sensor = sys.intern(frame.sensor)
