@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mocapella.errors import SettingsError
+from mocapella.exports import bvh_kernels
 from mocapella.exports.bvh_file import CM_PER_M, write_bvh
-from mocapella.geometry.bone_rotations import posed
+from mocapella.geometry.bone_rotations import local_rotations, posed
 from mocapella.model.bvh import read_bvh
 from mocapella.model.rest_pose import RigidSkeleton, rigid_motion, skeleton_of
 from mocapella.model.topology import topology
@@ -140,3 +141,41 @@ def test_somebody_who_is_never_known_is_refused(tmp_path: Path) -> None:
     own = trajectories(np.full((3, len(KIND), 3), np.nan))
     with pytest.raises(SettingsError, match="anna: SpineBase is never known"):
         write_bvh(own, tmp_path / "a.bvh")
+
+
+numbers = st.floats(-1e6, 1e6) | st.floats(-1e-6, 1e-6) | st.sampled_from([0.0, -0.0, 0.9999999, -9.9999996, 8.9e9])
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(numbers, numbers, numbers), min_size=1, max_size=5), st.integers(1, 6))
+def test_decimals_are_those_of_python(rows: list[tuple[float, float, float]], digits: int) -> None:
+    text = np.empty(20 * 3 * len(rows), np.uint8)
+    size = bvh_kernels.write_decimals(np.array(rows), digits, text)
+    found = [line.split(" ") for line in text[:size].tobytes().decode().splitlines()]
+    for row, texts in zip(rows, found, strict=True):
+        for value, one in zip(row, texts, strict=True):
+            assert re.fullmatch(rf"-?\d+\.\d{{{digits}}}", one)
+            assert float(one) == pytest.approx(value, abs=0.5 * 10.0**-digits + 4e-16 * abs(value))
+            assert not one.startswith("-") or float(one) < 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -9e9, 1e300])
+def test_numbers_without_a_decimal_of_full_precision_are_refused(value: float) -> None:
+    assert bvh_kernels.write_decimals(np.array([[1.0, value]]), 6, np.empty(40, np.uint8)) == -1
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_turns_give_the_local_rotations_and_do_not_jump(seed: int, at_a_right_angle: bool) -> None:
+    parents, order = np.array([-1, 0, 1, 0]), np.array([0, 3, 1, 2])
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(20, random_state=rng).as_matrix().reshape(5, 4, 3, 3)
+    if at_a_right_angle:
+        R[:, 3] = R[:, 0] @ Rotation.from_euler("ZXY", [30, 90, 20], degrees=True).as_matrix()
+    last, angles = np.full((4, 3), 400.0), np.empty((5, 12))
+    bvh_kernels.turns(parents, order, R, last, angles)
+    found = Rotation.from_euler("ZXY", angles.reshape(-1, 3), degrees=True).as_matrix().reshape(5, 4, 3, 3)
+    np.testing.assert_allclose(found, local_rotations(parents, R)[:, order], atol=1e-6)
+    steps = np.diff(np.concatenate([np.full((1, 12), 400.0), angles]), axis=0)
+    assert np.abs(steps).max() <= 180.0 + 1e-9
+    np.testing.assert_array_equal(last.ravel(), angles[-1])

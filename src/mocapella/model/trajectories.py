@@ -45,8 +45,8 @@ class Trajectories:
         runs: (frames,) number of the tracker's run.
         individuals: names, such as ``person_1``.
         keypoints: names of the keypoints.
-        positions: (frames, individuals, keypoints, 3), world [m]; NaN where unknown. Of scenes, they are single
-            precise: a hundredth of a millimetre at 100 m, in half the memory.
+        positions: (frames, individuals, keypoints, 3), world [m]; NaN where unknown. Of scenes in single
+            precision: 4 µm at 100 m, in half the memory.
         states: (frames, individuals, keypoints) `JointState`; not tracked where an individual is absent.
         sd: (frames, individuals, keypoints) float32, standard deviation of a coordinate [m]; NaN where unknown.
         bones: (parent, child) indices of keypoints.
