@@ -39,7 +39,7 @@ from mocapella.recording.take_refs import (
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import count_parts
 
-COMPILED_FROM_BYTES: Final = 128 << 20
+COMPILED_FROM_BYTES: Final = 256 << 20
 """Least size of a file whose messages compiled kernels list; for less, loading them takes longer [bytes]."""
 NAMED_AT_MOST: Final = 5
 """Largest number of scenes that the report of scenes without frames names; the others are only counted."""
