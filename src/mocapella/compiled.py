@@ -9,7 +9,27 @@ from numba.core import config, event
 from mocapella.kernel_cache import NotCompiledError, keep_on_disk, keeps_kernels, only_compiled
 from mocapella.kernel_dispatcher import KernelDispatcher
 
-__all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_first_compilation", "only_compiled"]
+__all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_compilation", "on_first_compilation", "only_compiled"]
+
+
+@contextmanager
+def on_compilation(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` after each compilation of a kernel for a signature within the context, to show progress.
+
+    It is called without arguments, in the thread that compiles; also after a compilation that failed. Loading a kernel
+    from disk is no compilation.
+    """
+
+    class Each(event.Listener):
+        def on_start(self, event: Any) -> None:
+            pass
+
+        def on_end(self, event: Any) -> None:
+            if isinstance(event.data["dispatcher"], KernelDispatcher):  # else it is part of numba
+                tell()
+
+    with event.install_listener("numba:compile", Each()):
+        yield
 
 
 @contextmanager

@@ -30,8 +30,10 @@ else:
 
 LOCK: Final = "kernels.lock"
 """Name of the file, in each folder of cache entries, that a process locks while it saves an entry."""
-CLAIM_S: Final = 90.0
-"""Longest wait for another process that compiles the same kernel [s]; after that, both compile it."""
+CLAIM_S: Final = 600.0
+"""Longest wait for another process that compiles the same kernel, as on a busy machine [s]; then both compile it.
+
+The wait ends as soon as that process ends; only one that stands still is waited for in vain."""
 _RETRY_S: Final = 0.02
 _compiling_allowed: ContextVar[bool] = ContextVar("compiling_allowed", default=True)
 _PACKAGE: Final = Path(__file__).resolve().parent

@@ -86,6 +86,7 @@ class _KernelCompiler(dispatcher._FunctionCompiler):  # type: ignore[misc,name-d
             library=library,
             pipeline_class=self.pipeline_class,
         )
+        compiled = compiled._replace(type_annotation=None)  # a listing of all types, which only costs time and disk
         if not is_callee:
             for environment in compiled._find_referenced_environments():  # of callees, which have no machine code
                 library.codegen.set_env(environment.env_name, environment)

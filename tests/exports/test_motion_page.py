@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.browser import FLAGS
 
@@ -53,12 +53,19 @@ def test_positions_are_there_within_half_a_step(seed: int, reach_m: float) -> No
     assert found["unit_m"] <= max(1e-3, reach_m / 30_000)
 
 
+@pytest.fixture(scope="module")
+def scripts() -> int:
+    """Number of scripts of a page whose names are plain."""
+    return page_of(motion(names=("a",))).count("<script")
+
+
+@example(name="</script><script>alert(1)")
 @given(name=st.text(max_size=20))
-def test_a_name_stays_a_name(name: str) -> None:
+def test_a_name_stays_a_name(name: str, scripts: int) -> None:
     page = page_of(motion(names=(name,)), title=name)
     assert content(page)["individuals"] == [name]
-    assert page.count("<script") == page_of(motion(names=("a",))).count("<script")
-    assert "<script>alert(1)" not in page_of(motion(names=("</script><script>alert(1)",)), "<script>alert(1)")
+    assert page.count("<script") == scripts
+    assert "<script>alert(1)" not in page
 
 
 def test_a_fast_motion_has_thirty_frames_a_second() -> None:

@@ -6,23 +6,29 @@ import os
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.distributions import distribution
+from support.forked import Forked
 from support.programs import Program, free_port, wait_until
 
 from mocapella.cli.common import PAGE_DRAWN
-from mocapella.cli.live_session import LiveSession, _pass_on
+from mocapella.cli.live_session import LiveSession, _pass_on, compiling
 from mocapella.errors import NotNowError
 from mocapella.live import compilation
 from mocapella.live.compilation import Compilation
 from mocapella.live.launch import Children
 from mocapella.live.session import Session
+from mocapella.model.names import plural
 from mocapella.model.scene import Phase
 from mocapella.model.session import Setup
-from mocapella.tracker import is_compiled
+from mocapella.tracker import METHODS, is_compiled
 
 METHOD = """
 import time
@@ -59,6 +65,29 @@ TINY = Method(
     warm_up_run=warm_up_run, warm_up_parts=("tiny_kernels:part",),
 )
 """
+
+
+COUNT = """
+import gc
+import sys
+from types import ModuleType
+
+from mocapella.kernel_dispatcher import KernelDispatcher
+from mocapella.tracker import warm_up
+
+warm_up(sys.argv[1])
+found, open_ = set(), [one for one in gc.get_objects() if isinstance(one, KernelDispatcher) and one.overloads]
+while open_:
+    kernel = open_.pop()
+    if kernel not in found:
+        found.add(kernel)
+        names = kernel.py_func.__code__.co_names
+        named = [kernel.py_func.__globals__.get(name) for name in names]
+        named += [getattr(one, name, None) for one in named if isinstance(one, ModuleType) for name in names]
+        open_ += [one for one in named if isinstance(one, KernelDispatcher)]
+print(len(found))
+"""
+"""Prints how many kernels a method's warm-up run calls, by Python or by each other."""
 
 
 @pytest.fixture
@@ -128,6 +157,20 @@ def test_until_tracking_can_begin_commands_of_it_are_refused_with_the_reason(ver
     assert (session.setup.participant, session.state.reason) == (7, "compiling")
 
 
+def test_another_reason_of_the_wait_is_shown_until_its_end() -> None:
+    session = Session(Setup(method="stand-still"), running=False, waiting_for="compiling")
+    session.wait_for("compiling (1 of 2)")
+    assert session.state.reason == "compiling (1 of 2)"
+    with pytest.raises(NotNowError, match=r"^getting ready: compiling \(1 of 2\)$"):
+        session.carry_out("start", {})
+    session.wait_for("")
+    assert session.state.reason == "compiling (1 of 2)"  # else it would no longer be seen to get ready
+    session.ready()
+    state = session.state
+    session.wait_for("compiling (2 of 2)")
+    assert session.state == state
+
+
 def test_the_end_of_a_wait_changes_nothing_in_a_session_that_tracks() -> None:
     session = Session(Setup(method="stand-still"))
     state = session.state
@@ -142,7 +185,7 @@ def test_a_method_without_kernels_is_compiled() -> None:
 class Waits:
     """A compilation that has not ended."""
 
-    done, started = False, False
+    done, started, progress = False, False, ""
 
     def start(self) -> None:
         self.started = True
@@ -176,6 +219,40 @@ def test_what_the_view_says_of_itself_is_not_shown_as_it_is(
     _pass_on(line, lambda url: calls.append("url"), lambda: calls.append("page"))
     assert calls == [called] * bool(called)
     assert capsys.readouterr().err.strip() == ("" if called else line)
+
+
+@given(st.lists(st.sampled_from(["compiled a kernel", "a warning"]), max_size=5), st.integers(0, 4))
+def test_progress_counts_the_compiled_kernels_and_never_exceeds_the_expected_number(said: list[str], most: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(cast(Any, METHODS), "default", replace(METHODS["default"], kernels=most))
+        compilation = Compilation("default")
+        assert compilation.progress == ""
+        for line in said:
+            compilation._hear(line)
+        count = said.count("compiled a kernel")
+        expected = f"{min(count, most)} of about {most} kernels" if most else plural(count, "kernel", "kernels")
+        assert compilation.progress == (expected if count else "")
+
+
+@pytest.mark.parametrize(("begins", "then"), [(True, "tracking begins by itself"), (False, "then press Start")])
+def test_the_state_tells_how_many_kernels_are_compiled_whenever_their_number_changes(begins: bool, then: str) -> None:
+    told: list[str] = []
+    server = SimpleNamespace(wait_for=told.append)
+    with Children() as view, Children() as nodes:
+        waits = Waits()
+        session = LiveSession(cast(Any, server), view, nodes, threading.Event(), cast(Any, waits), begins)
+        for waits.progress in ("", "1 of about 2 kernels", "1 of about 2 kernels", "2 of about 2 kernels"):
+            session.begin_if_compiled()
+    assert told == [f"compiling the tracking method ({k} of about 2 kernels); {then}" for k in (1, 2)]
+    assert compiling("", begins=begins) == f"compiling the tracking method; {then}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [name for name, method in METHODS.items() if method.kernels])
+def test_a_method_has_about_as_many_kernels_as_it_states(method: str, tmp_path: Path) -> None:
+    """Those that Python calls, and all that they call."""
+    count = int(Forked(tmp_path, COUNT, method).output(timeout=900.0))  # it may compile them
+    assert METHODS[method].kernels == pytest.approx(count, rel=0.1)
 
 
 @pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux with autogroups has them")

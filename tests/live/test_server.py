@@ -230,7 +230,11 @@ def test_no_client_can_start_tracking_before_the_server_is_ready(address: str, b
             assert refused.status is not None
             assert (refused.status.getting_ready, refused.status.running) == (True, False)
             assert "start was refused: getting ready: compiling the method" in waiting.status().notices
+            waiting.wait_for("compiling the method (1 of 2 kernels)")
+            assert waiting.status().reason == "compiling the method (1 of 2 kernels)"
             waiting.ready(begin=begin)
+            waiting.wait_for("compiling too late")
+            assert "compiling" not in waiting.status().reason
             assert (waiting.status().getting_ready, waiting.status().running) == (False, begin)
             again = send_command(reader, "start")
             assert (again.ok, again.message) == ((False, "already running; stop first") if begin else (True, "started"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,12 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.passing_time import PassingTime
 from support.programs import free_port
+from support.walkers import status
 
-from mocapella.errors import InputError
+from mocapella.errors import InputError, NoServerError
 from mocapella.live import view
-from mocapella.live.view import STALE_AFTER_S, Held, ViewState, beats
+from mocapella.live.view import LONGEST_ATTEMPT_S, READY_HZ, STALE_AFTER_S, Held, ViewState, beats
 from mocapella.model.observations import body_frame
 from mocapella.model.topology import topology
+from mocapella.viewer import watchdog
 
 
 def test_a_value_stays_until_a_newer_one_or_until_it_is_stale() -> None:
@@ -43,6 +45,23 @@ def test_a_sensor_of_a_known_rate_is_drawn_for_less_than_a_second() -> None:
         picture.update(None, {"front": frame}, None, k / 30)
     assert picture.update(None, {}, None, 9 / 30 + 0.7)[1] == {"front": frame}
     assert picture.update(None, {}, None, 9 / 30 + 0.9)[1] == {}
+
+
+@given(st.lists(st.floats(0.001, 1.0), min_size=1, max_size=50))
+def test_a_view_is_drawn_slowly_while_the_server_gets_ready_and_else_at_every_beat(waits_s: list[float]) -> None:
+    """That leaves the processor to the compilation, and the page does not take the view for lost."""
+    assert 1 / READY_HZ <= watchdog.PERIOD_S
+    ready, getting_ready = status(), status(running=False, phase="stopped", reason="compiling")
+    picture, drawn_s = ViewState(), 0.0
+    assert picture.due(drawn_s)  # before the first status
+    picture.update(None, {}, getting_ready, drawn_s)
+    for now_s in np.cumsum(waits_s).tolist():
+        assert picture.due(now_s) == (now_s - drawn_s >= 1 / READY_HZ)
+        if picture.due(now_s):
+            drawn_s = now_s
+            picture.update(None, {}, getting_ready, now_s)
+    picture.update(None, {}, ready, drawn_s + 10.0)
+    assert picture.due(drawn_s + 10.0)
 
 
 def test_the_beats_end_when_they_are_told() -> None:
@@ -140,6 +159,30 @@ def test_the_first_browser_that_draws_the_view_is_told_of_once(monkeypatch: pyte
     monkeypatch.setattr(view, "Link", Link)
     view.run_view("tcp/127.0.0.1:1", "127.0.0.1", 1, stop, on_page=lambda: told.append(made[0].drawings))
     assert told == [3]
+
+
+@given(st.floats(0.01, LONGEST_ATTEMPT_S))
+def test_a_server_that_takes_seconds_to_answer_is_reached(takes_s: float) -> None:
+    """On a busy machine, no attempt of a fixed, short duration would ever succeed."""
+    attempts_s, link = list[float](), object.__new__(view.Link)  # without its thread
+
+    def opened(connect: str, timeout: float) -> Any:
+        attempts_s.append(timeout)
+        if timeout < takes_s:
+            raise NoServerError("no server answers")
+        return "session"
+
+    link._session, link._newest, link._closed = None, None, cast(Any, PassingTime())
+    link._connect = link._address = "tcp/127.0.0.1:1"
+    link._on_waiting = lambda reason: None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(view, "open_reader", opened)
+        patch.setattr(view, "Newest", lambda session: session)
+        link._reach()
+    assert link._newest == "session"
+    assert attempts_s[-1] >= takes_s > max([0.0, *attempts_s[:-1]])
+    assert attempts_s[0] <= 0.5
+    assert max(attempts_s) <= LONGEST_ATTEMPT_S  # Ctrl-C waits as long
 
 
 def test_a_reply_that_cannot_be_read_is_a_refusal_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from mocapella.sensing.background import SPREAD_UNIT, BackgroundModel
 from mocapella.sensing.region_contour import RegionSettings, read_band
 
 
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("channels", [pytest.param(1, marks=pytest.mark.slow), 3])  # grey has kernels of its own
 @pytest.mark.parametrize(("least_sd", "spread"), [(5.0, 0.0), (5.0, 4.0), (5.0, 10.0), (20.0, 10.0)])
 def test_a_value_costs_half_its_square_in_standard_deviations_more_than_the_usual_one(
     channels: int, least_sd: float, spread: float

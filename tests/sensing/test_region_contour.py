@@ -244,6 +244,7 @@ def test_an_outline_is_found(kind: str, step: int) -> None:
     assert all(a > b + 0.03 for a, b in zip(after, before, strict=True))
 
 
+@pytest.mark.slow
 def test_in_gray_images_a_heavier_prior_is_better() -> None:
     gain = []
     for kind in KINDS:

@@ -387,7 +387,7 @@ def telling_of_compiling(what: str) -> Iterator[None]:
 
 
 def _tell_of_compiling(what: str) -> None:
-    say(f"compiling {what} for this machine: this once, for about a minute")
+    say(f"compiling {what} for this machine: this once, for one to several minutes")
 
 
 def take_file(path: Path) -> Path:

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 VIEW_HOST = "127.0.0.1"
 """Network interface of the view that a session starts; `mocapella view --host` can serve on another."""
-COMPILING = "compiling the tracking method; tracking begins by itself"
-COMPILING_STOPPED = "compiling the tracking method; then press Start"
 PAGE_WAIT_S = 10.0
 """Longest time from the output of the view's URL for which a compilation waits for a browser to draw the view [s]."""
 BEGIN_IN_S = 1.0
@@ -66,6 +64,7 @@ class LiveSession:
     compilation: Compilation | None = None
     begins: bool = True
     shown: threading.Event = field(default_factory=threading.Event)
+    _progress: str = ""
 
     def begin_if_compiled(self) -> None:
         """Start the compilation once the view is shown; when it is complete, allow tracking.
@@ -79,11 +78,28 @@ class LiveSession:
             return
         if self.shown.is_set() or self.view.any_ended():
             self.compilation.start()
+        self._tell_progress(self.compilation.progress)
         if self.compilation.done:
             self.compilation = None
             warm_up(self.server.status().setup.method)
             gc.freeze()
             self.server.ready(begin=self.begins)
+
+    def _tell_progress(self, progress: str) -> None:
+        if progress != self._progress:
+            self._progress = progress
+            self.server.wait_for(compiling(progress, begins=self.begins))
+
+
+def compiling(progress: str, *, begins: bool) -> str:
+    """Return the reason why a session does not track while its method is compiled.
+
+    Args:
+        progress: number of compiled kernels (`Compilation.progress`); empty before the first.
+        begins: whether tracking begins by itself afterwards.
+    """
+    then = "tracking begins by itself" if begins else "then press Start"
+    return f"compiling the tracking method{f' ({progress})' if progress else ''}; {then}"
 
 
 def say_url(url: str) -> None:
@@ -151,7 +167,7 @@ def live_session(
         if not compiled:
             say(f"compiling the method {settings.setup.method} for this machine, this once; tracking begins afterwards")
             compilation = stack.enter_context(Compilation(settings.setup.method))
-            settings = replace(settings, running=False, waiting_for=COMPILING if begins else COMPILING_STOPPED)
+            settings = replace(settings, running=False, waiting_for=compiling("", begins=begins))
         settings = replace(settings, log=log_in_use())
         server = Server(settings, say=show, link=link, failed=stop.died)  # it logs its notices itself
         stack.callback(server.close)

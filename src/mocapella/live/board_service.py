@@ -180,7 +180,7 @@ class BoardService:
             self._save(arguments)
         cameras = set(found.rig.cameras)
         method = method_of_rig([row.sends for row in self._sensors if row.name in cameras])
-        busy = f"compiling the method {method}; the first time on a machine, that takes a minute"
+        busy = f"compiling the method {method}; the first time on a machine, that takes minutes"
         self._progress = replace(self._progress, busy=busy)
         try:
             self._warm_up(method)

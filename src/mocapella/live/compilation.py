@@ -16,12 +16,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final
 
-from mocapella.compiled import keeps_kernels
+from mocapella.compiled import keeps_kernels, on_compilation
 from mocapella.live.launch import Children
+from mocapella.model.names import plural
 from mocapella.registry import load
 from mocapella.tracker import METHODS, warm_up
 
 _POLL_S: Final = 0.05
+_COMPILED: Final = "compiled a kernel"
+"""Line that a process prints for each kernel that it has compiled."""
 GIVE_WAY_S: Final = 20.0
 """Time after its start in which a compilation has low priority, so that sensors and the view start first [s]."""
 _NICENESS: Final = 10
@@ -44,12 +47,13 @@ class Compilation:
         self._method = method
         self._children = Children()
         self._started = False
+        self._compiled, self._lock = 0, threading.Lock()
 
     def start(self) -> None:
         """Start the processes; a second call has no effect."""
         if not self._started and keeps_kernels():
             for part in ("", *METHODS[self._method].warm_up_parts):
-                self._children.start([self._method, part], module="mocapella.live.compilation")
+                self._children.start([self._method, part], self._hear, module="mocapella.live.compilation")
         self._started = True
 
     @property
@@ -60,6 +64,14 @@ class Compilation:
         """
         return self._started and self._children.all_ended()
 
+    @property
+    def progress(self) -> str:
+        """Number of kernels compiled so far, such as ``34 of about 170 kernels``; empty before the first."""
+        count, most = self._compiled, METHODS[self._method].kernels
+        if not count:
+            return ""
+        return f"{min(count, most)} of about {most} kernels" if most else plural(count, "kernel", "kernels")
+
     def wait(self) -> None:
         """Start the processes, and wait until all have ended."""
         self.start()
@@ -69,6 +81,10 @@ class Compilation:
     def close(self) -> None:
         """End the processes, also unfinished ones; may be called twice."""
         self._children.close()
+
+    def _hear(self, line: str) -> None:
+        with self._lock:  # each process has a thread that listens to it
+            self._compiled += line == _COMPILED
 
     def __enter__(self) -> Compilation:
         return self
@@ -126,8 +142,14 @@ def _set_group_niceness(niceness: int) -> None:
             return
 
 
+def _tell() -> None:
+    sys.stdout.write(f"{_COMPILED}\n")
+    sys.stdout.flush()
+
+
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _give_way(GIVE_WAY_S)
     gc.set_threshold(200_000, 50, 100)  # numba makes millions of small objects that live until the end
-    compile_part(*sys.argv[1:3])
+    with on_compilation(_tell):
+        compile_part(*sys.argv[1:3])

@@ -312,6 +312,11 @@ class Server:
                 newest = self._registry.newest()
             return self._recording.begin(path, resume=resume, newest=newest)
 
+    def wait_for(self, reason: str) -> None:
+        """Give another reason of the wait, in place of `ServerSettings.waiting_for`; without effect after `ready`."""
+        with self._stepping:  # between two steps
+            self._session.wait_for(reason)
+
     def ready(self, *, begin: bool) -> None:
         """End the wait of `ServerSettings.waiting_for`; with ``begin``, start tracking unless it runs already."""
         with self._stepping:  # between two steps

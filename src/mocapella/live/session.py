@@ -100,6 +100,13 @@ class Session:
         """Settings of the present method, by name."""
         return self._settings_of.get(self.setup.method, {})
 
+    def wait_for(self, reason: str) -> None:
+        """Give another reason of the wait before the first start, such as its progress; no effect after `ready`."""
+        if self._waiting_for and reason:
+            self._waiting_for = reason
+            if not self.running:
+                self.state = _stopped(reason)
+
     def ready(self) -> None:
         """End the wait before the first start: the command ``start`` is accepted from now on."""
         if self._waiting_for:

@@ -1,4 +1,4 @@
-"""The view's process: shows the newest scene, frames and status from the bus, thirty times a second.
+"""The view's process: shows the newest scene, frames and status from the bus, up to thirty times a second.
 
 It is a separate process, so that no browser and no drawing slows the tracker.
 """
@@ -35,9 +35,15 @@ from mocapella.wire.roles import READERS
 from mocapella.wire.session import open_reader
 
 RATE_HZ = 30.0
+READY_HZ = 2.0
+"""Rate of drawing while the server gets ready, to leave the processor to the compilation [Hz].
+
+It is not lower, or a busy page would take the view for lost (`mocapella.viewer.watchdog`)."""
 CLOTH = "mocapella.sources.simulate.cloth:ClothBeforeHand"
-ATTEMPT_S = 0.5
-"""Longest duration of an attempt to reach the server [s]; Ctrl-C waits for its end."""
+ATTEMPT_S, LONGEST_ATTEMPT_S = 0.5, 4.0
+"""Longest durations of the first attempt to reach the server and of any; each has twice the time of the last [s].
+
+Ctrl-C waits for the end of an attempt. A busy machine may take longer than the first for the handshake of TLS."""
 STALE_AFTER_S = 2.0
 """Age above which a scene or a status is no longer shown [s]; frames are hidden once their sensor is silent instead."""
 
@@ -87,6 +93,11 @@ class ViewState:
         self._scene: Held[Scene] = Held()
         self._status: Held[SessionStatus] = Held()
         self._frames: dict[str, Held[SensorFrame]] = {}
+        self._getting_ready, self._updated_s = False, float("-inf")
+
+    def due(self, now_s: float) -> bool:
+        """Return whether to draw at ``now_s`` [s]: at every beat, but at `READY_HZ` while the server gets ready."""
+        return not self._getting_ready or now_s - self._updated_s >= 1 / READY_HZ
 
     def update(
         self, scene: Scene | None, frames: dict[str, SensorFrame], status: SessionStatus | None, now_s: float
@@ -107,6 +118,7 @@ class ViewState:
         held = {sensor: slot.update(frames.get(sensor), now_s) for sensor, slot in self._frames.items()}
         drawn = {sensor: frame for sensor, frame in held.items() if frame is not None}
         shown = self._status.update(status, now_s)
+        self._getting_ready, self._updated_s = shown is not None and shown.getting_ready, now_s
         stopped = shown is not None and not shown.running
         newest = self._scene.update(scene, now_s)
         return None if stopped else newest, drawn, shown
@@ -194,16 +206,16 @@ class Link:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def _reach(self) -> None:
-        notified = False
+        notified, attempt_s = False, ATTEMPT_S
         while self._session is None and not self._closed.is_set():
             try:
-                self._session = open_reader(self._connect, timeout=ATTEMPT_S)
+                self._session = open_reader(self._connect, timeout=attempt_s)
             except MocapellaError as error:
                 if not notified:
                     nobody = f"no server at {self._address} yet: start one with `mocapella serve`"
                     absent = isinstance(error, NoServerError) and not isinstance(error, NotAdmittedError)
                     self._on_waiting(nobody if absent else str(error))
-                notified = True
+                notified, attempt_s = True, min(2 * attempt_s, LONGEST_ATTEMPT_S)
                 self._closed.wait(ATTEMPT_S)
         if self._session is not None:
             self._newest = Newest(self._session)
@@ -254,6 +266,8 @@ def run_view(
             drawn = False
 
             def draw(now_s: float) -> None:
+                if not picture.due(now_s):
+                    return
                 scene, frames, status = picture.update(*link.newest(), now_s)
                 boards.update(status)
                 viewer.show(scene, frames, status, boards.progress)

@@ -37,6 +37,7 @@ class Method:
             compiled; None if nothing has to be compiled.
         warm_up_parts: ``module:name`` each of a function without arguments that calls kernels of ``warm_up_run``; they
             are compiled in other processes at the same time (`mocapella.live.compilation`).
+        kernels: about how many kernels ``warm_up_run`` compiles, callees included, to show progress; 0 if unknown.
         camera_rig: whether it needs the poses of calibrated cameras, as ``rig`` in its settings.
         keeps_layout: whether its tracker estimates sensor poses that can be kept (`KeepsLayout`).
         files: for each option of ``mocapella serve`` (``rig``, ``hand`` …), ``module:name`` of a function that reads
@@ -53,6 +54,7 @@ class Method:
     make: Make
     warm_up_run: Practice | None = None
     warm_up_parts: tuple[str, ...] = ()
+    kernels: int = 0
     camera_rig: Literal["none", "optional", "required"] = "none"
     keeps_layout: bool = False
     files: Mapping[str, str] = field(default_factory=dict)

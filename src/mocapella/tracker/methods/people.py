@@ -32,6 +32,7 @@ METHOD: Final = Method(
     make=_make,
     warm_up_run=warm_up_run,
     warm_up_parts=("mocapella.tracker.people_warmup:pose_bodies", "mocapella.tracker.people_warmup:calibrate_sensors"),
+    kernels=170,
     keeps_layout=True,
     files={
         "rig": "mocapella.tracker.method_files:bodies_rig",
