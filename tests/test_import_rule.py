@@ -11,7 +11,7 @@ from support.syntax import nodes_of
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
 
-BASE = {"errors", "decoding", "conventions", "settings", "compiled", "steps", "registry"}
+BASE = {"errors", "decoding", "conventions", "settings", "compiled", "kernel_calls", "steps", "registry"}
 MODEL = BASE | {"geometry", "model"}
 STAGES = {"sensing", "calibration", "association", "fusion", "smoothing", "kinematics"}
 EDGES = {"sources", "wire", "recording", "exports", "streams"}
@@ -24,6 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "kernel_dispatcher": set(),
     "kernel_cache": {"kernel_dispatcher"},
     "compiled": {"kernel_cache", "kernel_dispatcher"},
+    "kernel_calls": set(),
     "conventions": set(),
     "decoding": {"errors"},
     "settings": {"errors", "decoding", "conventions"},

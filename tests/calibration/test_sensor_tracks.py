@@ -36,3 +36,15 @@ def test_room_is_made_only_where_there_is_none_and_is_used_again() -> None:
     assert set(tracks.bodies) == {2, 3, 4}
     assert len(tracks.ids) > 2
     assert [tracks.bodies[body].newest for body in (2, 3, 4)] == [1.0, 2.0, 3.0]
+
+
+def test_bodies_that_come_again_under_their_old_ids_get_new_tracks() -> None:
+    tracks = SensorTracks.empty(25)
+    both, states = np.ones((2, 25, 3)), np.repeat(STATES, 2, axis=0)
+    tracks.add(0.0, (1, 2), both, states, 0.2)
+    tracks.clear()
+    tracks.add(1.0, (3, 1), both, states, 0.2)
+    tracks.add(2.0, (1, 2), both, states, 0.2)
+    newest = {body: track.newest for body, track in tracks.bodies.items()}
+    assert newest == {1: 2.0, 2: 2.0, 3: 1.0}
+    assert len(set(tracks.slots.values())) == 3

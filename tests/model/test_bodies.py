@@ -1,10 +1,19 @@
 from __future__ import annotations
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from support.standing_people import KINECT
 
-from mocapella.model.bodies import body_name, tracked_bodies
+from mocapella.model.bodies import body_name, id_array, tracked_bodies
 from mocapella.model.observations import JointState, body_frame
+
+
+@given(st.lists(st.integers(0, 2**64 - 1), max_size=6))
+def test_ids_become_an_array_that_equal_ids_share(ids: list[int]) -> None:
+    array = id_array(ids)
+    assert (str(array.dtype), array.tolist()) == ("uint64", ids)
+    assert id_array(tuple(ids)) is array
 
 
 def test_only_tracked_bodies_count_and_their_order_is_that_of_their_ids() -> None:

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.model.bodies import id_array
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -55,6 +56,11 @@ class JumpSettings:
     def __post_init__(self) -> None:
         for name in ("step_m", "fastest_m_s", "longest_step_s", "doubt_s"):
             check(0 <= getattr(self, name) < 1e6, name, getattr(self, name), "0 or more")
+
+    @cached_property
+    def limits(self) -> JumpLimits:
+        """The settings as floats, for the kernels."""
+        return JumpLimits(*map(float, (self.step_m, self.fastest_m_s, self.longest_step_s, self.doubt_s)))
 
 
 class JumpLimits(NamedTuple):
@@ -152,21 +158,16 @@ class Jumps:
             (bodies,) False for a body that jumped; True for one near a recent position, for a new body, for one without
             a recent position of its own (see ``doubt_s``), and for one without a visible middle joint.
         """
-        numbers, there = np.array(ids, dtype=np.uint64), np.empty(len(ids), dtype=np.bool_)
+        numbers, there = id_array(ids), np.empty(len(ids), dtype=np.bool_)
         seen = self.seen.get(sensor)
         if seen is None:
             seen = self.seen[sensor] = SeenBodies.new(numbers, middles.shape[1])
         middles = np.ascontiguousarray(middles)
-        changed = _kernels().stay_and_follow(at_s, numbers, middles, _limits(self.settings), seen.arrays, there)
+        changed = _kernels().stay_and_follow(at_s, numbers, middles, self.settings.limits, seen.arrays, there)
         if changed:  # Times may decrease, because a sensor's clock may be set.
             seen = self.seen[sensor] = seen.with_these(numbers, np.abs(at_s - seen.at_s) <= self.settings.doubt_s)
             _kernels().follow(at_s, numbers, middles, there, seen.arrays)
         return there
-
-
-@cache
-def _limits(s: JumpSettings) -> JumpLimits:
-    return JumpLimits(*map(float, (s.step_m, s.fastest_m_s, s.longest_step_s, s.doubt_s)))
 
 
 @cache

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mocapella.association.proportions import known_size, size_difference, unknown_size
 from mocapella.geometry.rigid import apply
+from mocapella.model.bodies import id_array
 from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
@@ -84,6 +85,16 @@ class TrackSettings:
         check(0 <= self.size_after_s < 60, "size_after_s", self.size_after_s, "0 s or more")
         check(0 <= self.fastest_m_s < 100, "fastest_m_s", self.fastest_m_s, "0 m/s or more")
         check(0 <= self.same_size < 1e6, "same_size", self.same_size, "0 or more")
+
+    @cached_property
+    def gates(self) -> Gates:
+        """The settings of the gating as floats, for the kernels."""
+        return Gates(*(float(getattr(self, name)) for name in Gates._fields))
+
+    @cached_property
+    def merging(self) -> tuple[float, float]:
+        """``same_within_m`` and ``confirm_after_s`` as floats, for the kernels."""
+        return float(self.same_within_m), float(self.confirm_after_s)
 
 
 class TrackArrays(NamedTuple):
@@ -274,7 +285,8 @@ class Tracks:
     @property
     def people(self) -> list[int]:
         """Numbers of all tracks, by row of `memory`; a new list."""
-        return list(self.memory.person.tolist())
+        people: list[int] = self.memory.person.tolist()
+        return people
 
     def owners(self, sensor: str) -> Mapping[int, int]:
         """Return the number of the person of each body that the sensor sees, by tracking id; empty if it is unknown.
@@ -297,7 +309,7 @@ class Tracks:
         """
         if sensor not in self.sensors:
             return np.full(len(ids), -1, dtype=np.int64)
-        m, numbers = self.memory, np.array(ids, dtype=np.uint64).astype(np.int64)
+        m, numbers = self.memory, id_array(ids).view(np.int64)
         return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
 
     def move(self, T_new_old: Float64) -> None:
@@ -333,7 +345,7 @@ class Tracks:
         """
         if self.memory.middle.shape[1] != middles.shape[1]:
             self.memory = TrackMemory.empty(0, len(self.sensors), middles.shape[1])
-        column, numbers = self._column(sensor), np.array(ids, dtype=np.uint64).astype(np.int64)
+        column, numbers = self._column(sensor), id_array(ids).view(np.int64)
         lengths = np.empty((0, 0)) if lengths is None else lengths
         where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
         rows, unplaced, events = self._assign(column, numbers, middles, where, at_s, lengths)
@@ -347,7 +359,7 @@ class Tracks:
                 m.since_s[rows[new]] = at_s
                 self._next += len(new)
             frame = FrameBodies(at_s, column, numbers, middles, lengths)
-            events = int(_kernels().take(frame, rows, *_merging(self.settings), self.memory.arrays))
+            events = int(_kernels().take(frame, rows, *self.settings.merging, self.memory.arrays))
         m = self.memory
         if events & _kernels().FORGOTTEN:
             self._owners = {}
@@ -386,7 +398,7 @@ class Tracks:
         cost, allowed = np.empty(shape), np.empty(shape, dtype=np.bool_)
         rows, unplaced = np.empty(len(ids), dtype=np.int64), np.empty(len(ids), dtype=np.bool_)
         frame, result = FrameBodies(at_s, column, ids, middles, lengths), Assignment(cost, allowed, unplaced, rows)
-        outcome, events = _kernels().assign_and_take(frame, expected, _gates(s), *_merging(s), m.arrays, result)
+        outcome, events = _kernels().assign_and_take(frame, expected, s.gates, *s.merging, m.arrays, result)
         if outcome == _kernels().EXPIRED:
             patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * RECENT_S)
             stays = at_s - m.seen_s <= patience_s
@@ -459,17 +471,6 @@ class Tracks:
                 m.body_s[one, sees[other]] = m.body_s[other, sees[other]]
         self._close_since_s, self.merged = close, tuple(merged)
         self._keep(kept)
-
-
-@cache
-def _gates(s: TrackSettings) -> Gates:
-    numbers = (s.gate_m, s.stay_bonus_m, s.speed_m_s, s.widest_gate_m, s.by_place_s, s.forget_after_s)
-    return Gates(*map(float, numbers))
-
-
-@cache
-def _merging(s: TrackSettings) -> tuple[float, float]:
-    return float(s.same_within_m), float(s.confirm_after_s)
 
 
 @cache

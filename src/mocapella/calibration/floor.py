@@ -134,7 +134,7 @@ class FloorFromFeet:
         if 0 <= dt < EVERY_S:
             return
         joints = _joints(bodies.topology.name)
-        ids = np.array(bodies.ids, dtype=np.uint64)
+        ids = bodies.numbers
         feet = np.empty((len(ids), len(joints.feet), 3))
         _kernels().stand(
             self.sums, self.back, self.plane, FeetOfFrame(self.ids, self.feet), FeetOfFrame(ids, feet), dt,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -206,7 +206,7 @@ class BodyTrack:
             )
         )  # fmt: skip
 
-    @property
+    @cached_property
     def arrays(self) -> BodyFrames:
         """The same arrays as a named tuple, for the kernels."""
         return BodyFrames(self.times, self.points, self.weights, self.held)
@@ -242,6 +242,7 @@ class SensorTracks:
         parts = (self.times, self.points, self.weights, self.held, self.frozen_since)
         self.bodies = {int(self.ids[i]): BodyTrack(*(part[i] for part in parts)) for i in self._taken()}
         self._slots = {int(self.ids[i]): int(i) for i in self._taken()}
+        self._slots_of: dict[tuple[int, ...], NDArray[np.int64]] = {}
 
     @classmethod
     def empty(cls, joints: int, slots: int = 0) -> SensorTracks:
@@ -269,9 +270,13 @@ class SensorTracks:
             positions, states: (bodies, joints, 3) float64 and (bodies, joints), as in `BodyTrack.add`.
             inferred_weight: weight of an inferred joint.
         """
-        if any(body not in self._slots for body in ids):
-            self._make_room([body for body in ids if body not in self._slots])
-        slots = np.array([self._slots[body] for body in ids], dtype=np.int64)
+        key = tuple(ids)
+        slots = self._slots_of.get(key)
+        if slots is None:
+            if new := [body for body in ids if body not in self._slots]:
+                self._make_room(new)
+            slots = np.array([self._slots[body] for body in ids], dtype=np.int64)
+            self._slots_of = {key: slots}
         self.frozen = _kernels().add_bodies(
             self.times, self.points, self.weights, self.held, self.frozen_since, slots, at,
             np.ascontiguousarray(positions), np.ascontiguousarray(states), inferred_weight,

@@ -8,7 +8,7 @@ difference from the floor on which people walk refutes the stated tilt.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -49,7 +49,7 @@ def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) ->
     parts = bodies.topology.parts
     heads: int = _kernels().heads_up(
         np.ascontiguousarray(bodies.positions), np.ascontiguousarray(bodies.states), parts["root"], parts["head"],
-        vertical(pose), _UPRIGHT_COS,
+        _vertical(pose.tilt), _UPRIGHT_COS,
     )  # fmt: skip
     change_s = heads * min(dt, LONGEST_STEP_S)
     return min(max(evidence_s + change_s, -MOST_S), MOST_S)
@@ -57,7 +57,12 @@ def head_up_s(evidence_s: float, bodies: Bodies, pose: SensorPose, dt: float) ->
 
 def vertical(pose: SensorPose) -> NDArray[np.float64]:
     """Return the upward direction (3,) in the camera space of a sensor of the stated tilt, not upside down."""
-    return np.array([0.0, math.cos(pose.tilt), math.sin(pose.tilt)])
+    return _vertical(pose.tilt).copy()
+
+
+@lru_cache(maxsize=64)
+def _vertical(tilt: float) -> NDArray[np.float64]:
+    return np.array([0.0, math.cos(tilt), math.sin(tilt)])
 
 
 def is_upside_down(evidence_s: float) -> bool:

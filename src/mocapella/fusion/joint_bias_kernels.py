@@ -137,9 +137,9 @@ def corrections(
             moving[0] * sine + moving[2] * cosine,
             moving[0] * cosine - moving[2] * sine,
         )
-        for k in range(len(joints)):
-            joints[k] = 0.0
-            for i in range(len(of_view)):
+        joints[:] = 0.0
+        for i in range(len(of_view)):  # along the rows of the weights, which are contiguous
+            for k in range(len(joints)):
                 joints[k] += of_view[i] * weights[i, k]
         swapped = view_swapped[r, column]
         for j in range(len(mirror)):

@@ -187,13 +187,7 @@ def _fit(
     _place(model, row, origin, x, R, xi)
     independent(joint_table, order, xi, row, layout.variance, x, C, variances)
     for step in range(steps):
-        seen = 0
-        for j in range(joints):
-            if is_measured(frame.positions, frame.variances, j):
-                seen += 1
-                surprise += _weigh(model, row, frame, j, step, known, dt, origin, x, variances)
-            else:
-                row[layout.jumps + 4 * j] = math.nan
+        surprise, seen = _weigh(model, row, frame, step, known, dt, origin, x, variances, surprise)
         if seen == 0:
             break
         away_from_rest(layout, model.dof_values, joint_table, row, posterior)
@@ -222,39 +216,51 @@ def _fit(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _weigh(
-    model: BodyArrays, row: Float64, frame: Measurements, j: int, step: int, known: bool, dt: float, origin: Float64,
-    positions: Float64, variances: Float64,
-) -> float:  # fmt: skip
-    """Write residual and weight of a measured joint; `_fit` describes the arguments.
+    model: BodyArrays, row: Float64, frame: Measurements, step: int, known: bool, dt: float, origin: Float64,
+    positions: Float64, variances: Float64, surprise: float,
+) -> tuple[float, int]:  # fmt: skip
+    """Write residuals and weights of the measured joints; `_fit` describes the arguments.
+
+    Arrays are taken out of their tuples once: numba counts references each time.
 
     Returns:
-        Its surprise in a first step, else 0.
+        ``surprise`` plus that of the joints in a first step, and the number of measured joints.
     """
-    s, surprise, jumps = 0.0, 0.0, model.layout.jumps + 4 * j
-    for k in range(3):
-        frame.residuals[j, k] = frame.positions[j, k] - origin[k] - positions[j, k]
-        s += frame.residuals[j, k] ** 2
-    if step == 0 and known:
-        _learn_noise(row, jumps, frame.residuals, j, -math.expm1(-dt / model.parameters.noise_s))
-    r = frame.share * (frame.variances[j] + model.joint_values[j, 11]) + row[jumps + 3]
-    if step == 0 or not known:
-        # Student's t about the prediction; about the estimate itself while the body is initialised.
-        expected, nu = r + (variances[j] if known else FIRST_VARIANCE), model.parameters.degrees_of_freedom
-        surprise = min(s / (3.0 * expected), MOST_SURPRISE)
-        frame.robust[j] = min(1.0, (nu + 3.0) / (nu + s / expected)) if math.isfinite(nu) else 1.0
-    frame.weights[j] = frame.robust[j] / r
-    contact = model.joint_table[j, 5]
-    if known and contact >= 0 and dt > 0.0:
-        # A foot in contact stays where it was; the weight of that falls with its speed.
-        c, p = model.layout.contacts + 6 * contact, model.parameters
-        speed = row[c + 3] * row[c + 3] + row[c + 4] * row[c + 4] + row[c + 5] * row[c + 5]
-        loose = 1.0 + speed / (p.stand_speed * p.stand_speed)
-        still, w = 1.0 / (p.stand_diffusion * dt * loose * loose), frame.weights[j]
-        frame.weights[j] = w + still
+    p, layout, joint_table, joint_values = model.parameters, model.layout, model.joint_table, model.joint_values
+    measured, measured_variances = frame.positions, frame.variances
+    residuals, weights, robust, share = frame.residuals, frame.weights, frame.robust, frame.share
+    forget, nu, seen = -math.expm1(-dt / p.noise_s), p.degrees_of_freedom, 0
+    for j in range(layout.joints):
+        jumps = layout.jumps + 4 * j
+        if not is_measured(measured, measured_variances, j):
+            row[jumps] = math.nan
+            continue
+        seen += 1
+        s = 0.0
         for k in range(3):
-            stays = row[c + k] - origin[k] - positions[j, k]
-            frame.residuals[j, k] = (w * frame.residuals[j, k] + still * stays) / (w + still)
-    return surprise
+            residuals[j, k] = measured[j, k] - origin[k] - positions[j, k]
+            s += residuals[j, k] ** 2
+        if step == 0 and known:
+            _learn_noise(row, jumps, residuals, j, forget)
+        r = share * (measured_variances[j] + joint_values[j, 11]) + row[jumps + 3]
+        if step == 0 or not known:
+            # Student's t about the prediction; about the estimate itself while the body is initialised.
+            expected = r + (variances[j] if known else FIRST_VARIANCE)
+            surprise += min(s / (3.0 * expected), MOST_SURPRISE)
+            robust[j] = min(1.0, (nu + 3.0) / (nu + s / expected)) if math.isfinite(nu) else 1.0
+        weights[j] = robust[j] / r
+        contact = joint_table[j, 5]
+        if known and contact >= 0 and dt > 0.0:
+            # A foot in contact stays where it was; the weight of that falls with its speed.
+            c = layout.contacts + 6 * contact
+            speed = row[c + 3] * row[c + 3] + row[c + 4] * row[c + 4] + row[c + 5] * row[c + 5]
+            loose = 1.0 + speed / (p.stand_speed * p.stand_speed)
+            still, w = 1.0 / (p.stand_diffusion * dt * loose * loose), weights[j]
+            weights[j] = w + still
+            for k in range(3):
+                stays = row[c + k] - origin[k] - positions[j, k]
+                residuals[j, k] = (w * residuals[j, k] + still * stays) / (w + still)
+    return surprise, seen
 
 
 @njit(cache=True, error_model="numpy")

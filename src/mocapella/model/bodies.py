@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +40,11 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
     states: NDArray[np.uint8]
 
     @property
+    def numbers(self) -> NDArray[np.uint64]:
+        """(bodies,) tracking ids, of `id_array`."""
+        return id_array(self.ids)
+
+    @property
     def keys(self) -> tuple[BodyKey, ...]:
         """(bodies,) sensor and tracking id of each body."""
         return tuple((self.sensor, body) for body in self.ids)
@@ -45,6 +53,16 @@ class Bodies(msgspec.Struct, frozen=True, eq=False):
         """Return the bodies where ``kept`` (bodies,) is True, in the same order; arrays are copies."""
         ids = tuple(body for body, stays in zip(self.ids, kept.tolist(), strict=True) if stays)
         return Bodies(self.sensor, self.topology, ids, self.positions[kept], self.states[kept])
+
+
+def id_array(ids: Sequence[int]) -> NDArray[np.uint64]:
+    """Return tracking ids as an array (bodies,); all callers with the same ids share it, and must not change it."""
+    return _id_array(tuple(ids))
+
+
+@lru_cache(maxsize=256)
+def _id_array(ids: tuple[int, ...]) -> NDArray[np.uint64]:
+    return np.array(ids, dtype=np.uint64)
 
 
 def tracked_bodies(frame: BodyFrame) -> Bodies:
@@ -58,10 +76,10 @@ def tracked_bodies(frame: BodyFrame) -> Bodies:
     tracked: list[bool] = frame.tracked.tolist()
     if not all(tracked) or ids != sorted(ids):
         rows = sorted((i for i, is_tracked in enumerate(tracked) if is_tracked), key=ids.__getitem__)
-        ids, positions, states = [ids[i] for i in rows], positions[rows], states[rows]
-    # Copies: a message's arrays are read-only, which is another type for numba.
-    copy, states = positions.astype(np.float64), states.copy()
-    if not copy.all():
+        ids, copy, states = [ids[i] for i in rows], positions[rows].astype(np.float64, copy=False), states[rows]
+    else:  # Copies: a message's arrays are read-only, which is another type for numba.
+        copy, states = positions.astype(np.float64), states.copy()
+    if np.count_nonzero(copy) < copy.size:
         nowhere = ~copy.any(axis=-1)
         copy[nowhere], states[nowhere] = np.nan, JointState.NOT_TRACKED
     return Bodies(frame.sensor, frame.topology, tuple(ids), copy, states)

@@ -127,6 +127,7 @@ class DefaultTracker:
         self._T_root_sensor: dict[str, Float64] = {}
         self._T_world_root = self._T_world_known = np.eye(4)
         self._T_root_known: dict[str, Float64] = {}
+        self._T_world_shown: dict[str, Float64] = {}
         self._people: People | None = None
         self._known: PeopleState | None = None
         self._now_s = self._approached_s = 0.0
@@ -180,6 +181,7 @@ class DefaultTracker:
         self._calibration.recall(calibration)
         self._known = self._calibration.state
         self._T_world_known, self._T_root_known = self._known_poses()
+        self._T_world_shown = {}
 
     def start_from(self, T_world_sensor: Mapping[str, Float64]) -> None:
         """Start from known poses ``T_world_sensor`` (4, 4), by sensor; each is used until a better one is estimated."""
@@ -273,7 +275,7 @@ class DefaultTracker:
         """Return the frame's bodies without those at impossible positions."""
         bodies = sighting.bodies
         there = self._jumps.update(
-            bodies.sensor, bodies.ids, bodies.positions[:, people.middle], sighting.at_ns / NS_PER_S
+            bodies.sensor, bodies.ids, bodies.positions.take(people.middle, axis=1), sighting.at_ns / NS_PER_S
         )
         return sighting if all(there.tolist()) else msgspec.structs.replace(sighting, bodies=bodies.only(there))
 
@@ -400,7 +402,7 @@ class DefaultTracker:
         missing = self._sensors_expected - len(heard.newest)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing)
-        tied = all(sensor in self._T_root_sensor for sensor in heard.newest)
+        tied = heard.newest.keys() <= self._T_root_sensor.keys()
         return TrackerState(Phase.TRACKING if tied else Phase.CALIBRATING, reason=self._conditions)
 
     def _show(self, heard: Heard, people: People) -> tuple[Person, ...]:
@@ -424,10 +426,14 @@ class DefaultTracker:
 
         Only those of the newest frame are rebuilt, unless all are made anew: a pose has changed, or tracks were merged.
         """
+        if anew:
+            self._T_world_shown = {}
         shown = [sensor for sensor in people.sensors if sensor in heard.newest and sensor in self._T_root_sensor]
         newest: dict[str, list[PotentialSkeleton]] = {}
         for sensor in shown if anew else {heard.sensor}.intersection(shown):
-            T, frame = self._T_world_root @ self._T_root_sensor[sensor], heard.newest[sensor].frame
+            frame, T = heard.newest[sensor].frame, self._T_world_shown.get(sensor)
+            if T is None:
+                T = self._T_world_shown[sensor] = self._T_world_root @ self._T_root_sensor[sensor]
             newest[sensor] = people.views_of(results, sensor, frame.time_ns, self._poses.get(sensor, frame), T)
         before = None if anew else self._views
         self._views = followed(before or {}, newest, sorted(shown), people, results.fresh)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final
 
 import msgspec
@@ -26,6 +26,7 @@ from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.joint_bias import BiasInputs, JointBiasModel
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
+from mocapella.kernel_calls import KernelCall
 from mocapella.kinematics.articulated_body import conditions_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
@@ -145,9 +146,9 @@ class People:
         self._parameters = _parameters(settings)
         self._layout = joint_layout(topology, self.mirror)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
-        self._body_size, self._slack = 0, (0, 0)
+        self._body_size, self._slack, self._body_arrays = 0, (0, 0), None
         if self._model is not None:
-            layout = self._model.layout
+            layout, self._body_arrays = self._model.layout, self._model.arrays
             self._body_size, self._slack = memory_size(self._model), (int(layout.slack), int(layout.demands))
         self._facing = None if settings.facing is None else FacingFilter(topology, settings.facing)
         self.reset()
@@ -194,9 +195,10 @@ class People:
         prepared = Prepared(
             np.empty((count, joints, 3)),
             np.empty((count, len(self.middle), 3)),
-            np.full((count, len(LENGTHS)), np.nan),
+            np.empty((count, len(LENGTHS))),
             np.empty((len(self.numbers), len(self.middle), 3)),
         )
+        prepared.lengths.fill(np.nan)
         _kernels().prepare(
             np.ascontiguousarray(T), np.ascontiguousarray(bodies.positions), self._ends, self.middle, at_s,
             self.settings.motion.forget_after_s, m.points,
@@ -236,6 +238,10 @@ class People:
             self.memory = self.memory.resized(rows, len(rows), len(self.sensors))
         return self.sensors.index(sensor)
 
+    @cached_property
+    def _step(self) -> KernelCall:
+        return KernelCall(_step_kernels().step)
+
     def update(self, frame: FrameViews, at_s: float) -> None:
         """Process one frame: predict all people, then fuse and smooth those in the frame. `results` returns them.
 
@@ -243,15 +249,13 @@ class People:
             frame: the frame's bodies, each assigned to a person; may be empty.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
         """
-        s, m, facing, model = self.settings, self.memory, None, None
+        s, m, facing = self.settings, self.memory, None
         if self._facing is not None:
             people = [self.numbers[row] for row in frame.rows.tolist()]
             facing = self._facing.inputs(self.sensors[frame.column], people, frame.at_s)
-        if self._model is not None:
-            model = self._model.arrays
-        measured = _step_kernels().step(
+        measured = self._step(
             frame, at_s, self._parameters, s.fusion.parameters, self._layout, self.R_level, m.points, m.views,
-            m.skeletons, facing, model, m.body,
+            m.skeletons, facing, self._body_arrays, m.body,
         )  # fmt: skip
         if s.smoothing == "one-euro":
             e = s.one_euro
@@ -304,7 +308,7 @@ class People:
         The text is empty without either; joints need an articulated body. ``results`` are those of the present state.
         """
         said = [""] * len(self.numbers)
-        if not results.noted.any():
+        if True not in results.noted.tolist():
             return said
         m = self.memory
         if self._model is not None:
@@ -372,7 +376,7 @@ class People:
         one, other = self.numbers.index(stays), self.numbers.index(gone)
         seen_s = self.memory.view_at
         newer, last = seen_s[other] > seen_s[one], seen_s[other].max() > seen_s[one].max()
-        for name, values in vars(self.memory).items():
+        for name, values in self.memory.arrays():
             if name.startswith("view_"):
                 values[one, newer] = values[other, newer]
             elif last:

@@ -7,8 +7,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,7 +237,7 @@ class PeopleParameters(NamedTuple):
 class PeopleMemory:
     """All state that is kept from frame to frame; the names are those in recorded takes.
 
-    The kernels change the arrays in place.
+    The kernels change the arrays in place; an array is not replaced after `points`, `views` or `skeletons` was read.
 
     Attributes:
         at_s, positions, velocities, variances, seen_s: each person's Kalman state of the joints and its times, see
@@ -342,7 +343,7 @@ class PeopleMemory:
         for name in ("view_rigidity", "view_unlike", "unsure_s", "measured_s"):
             if getattr(self, name).shape == (0,):
                 setattr(self, name, getattr(empty, name))
-        for name, wanted in vars(empty).items():
+        for name, wanted in empty.arrays():
             found = getattr(self, name)
             if found.shape != wanted.shape or found.dtype != wanted.dtype:
                 raise ValueError(f"{name} is {found.dtype} {found.shape}, not {wanted.dtype} {wanted.shape}")
@@ -355,17 +356,21 @@ class PeopleMemory:
             people, sensors: numbers of rows and columns; new ones are empty.
         """
         new = PeopleMemory.empty(people, sensors, self.states.shape[1], self.body.shape[1])
-        for name, values in vars(self).items():
+        for name, values in self.arrays():
             columns = (slice(values.shape[1]),) if name.startswith("view_") else ()
             getattr(new, name)[(slice(len(rows)), *columns)] = values[list(rows)]
         return new
 
-    @property
+    def arrays(self) -> list[tuple[str, NDArray[Any]]]:
+        """Return the name and the array of each attribute, not copies."""
+        return [(one.name, getattr(self, one.name)) for one in fields(self)]
+
+    @cached_property
     def points(self) -> PointArrays:
         """Fields of the Kalman filter, not copies, for the kernels."""
         return PointArrays(self.at_s, self.positions, self.velocities, self.variances, self.seen_s)
 
-    @property
+    @cached_property
     def views(self) -> ViewArrays:
         """Fields of the views, not copies, for the kernels."""
         return ViewArrays(
@@ -374,7 +379,7 @@ class PeopleMemory:
             self.view_toward, self.view_reported, self.view_unlike, self.view_turn, self.view_offsets,
         )  # fmt: skip
 
-    @property
+    @cached_property
     def skeletons(self) -> SkeletonArrays:
         """Fields of the fused skeletons, not copies, for the kernels."""
         return SkeletonArrays(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.tracks import Tracks
-from mocapella.model.bodies import Bodies
+from mocapella.model.bodies import Bodies, id_array
 from mocapella.model.observations import BodyFrame
 from mocapella.tracker.people import People
 from mocapella.tracker.people_memory import FrameViews
@@ -48,11 +48,12 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
     people.arrange(tracks.people)
     ids: Sequence[int] = bodies.ids
     positions, states, own = prepared.positions, bodies.states, bodies.positions
-    bias = np.zeros_like(positions)
-    if corrections is not None:
-        np.dot(corrections.reshape(-1, 3), T[:3, :3].T, out=bias.reshape(-1, 3))
-    shown = rows >= 0
-    if not shown.all():
+    if corrections is None:
+        bias = np.zeros(positions.shape)
+    else:
+        bias = np.dot(corrections.reshape(-1, 3), T[:3, :3].T).reshape(positions.shape)
+    if -1 in rows.tolist():
+        shown = rows >= 0
         ids = [body for body, is_shown in zip(ids, shown.tolist(), strict=True) if is_shown]
         rows, positions, states, own, bias = rows[shown], positions[shown], states[shown], own[shown], bias[shown]
     clipped = np.zeros(len(rows), dtype=np.bool_)
@@ -60,7 +61,7 @@ def associate_and_fuse(  # noqa: PLR0917 - one frame, as it comes
         edges = dict(zip(frame.tracking_ids.tolist(), frame.clipped_edges.tolist(), strict=True))
         clipped[:] = [edges[body] > 0 for body in ids]
     new = FrameViews(
-        rows, np.array(ids, dtype=np.uint64), people.column(bodies.sensor), at_s, positions, states, own, bias,
+        rows, id_array(ids), people.column(bodies.sensor), at_s, positions, states, own, bias,
         np.ascontiguousarray(T[:3, 3]), clipped, frame.topology.noise, frame.topology.scale_sd,
     )  # fmt: skip
     people.update(new, now_s)
