@@ -11,6 +11,10 @@ import pytest
 from support.programs import result_here, run_here
 
 import mocapella
+from mocapella.cli.compare import show_comparison
+from mocapella.comparison.comparison import compared
+from mocapella.exports.c3d_file import write_c3d
+from mocapella.exports.comparison_report import figure_of
 from mocapella.exports.trajectory_tables import write_csv
 from mocapella.exports.trc_file import write_trc
 from mocapella.geometry.rigid import rigid
@@ -73,6 +77,64 @@ def test_the_terminal_names_the_corrections(files: Path) -> None:
     assert done.returncode == 0
     assert "corrections that saw the reference: the time offset was estimated" in done.stdout
     assert "the mean difference of each joint was removed (--remove-bias)" in done.stdout
+
+
+def test_clock_and_space_can_be_held(files: Path) -> None:
+    write_trc(motion(100.0), files / "same.trc")
+    done = run_here(files, "compare", "ours.csv", "same.trc", "--same-clock", "--same-space", "--json", "a.json")
+    assert done.returncode == 0, done.stderr
+    assert "time: held, both have one clock (--same-clock)" in done.stdout
+    assert "rigid motion: held, both are in the same coordinates (--same-space)" in done.stdout
+    assert "corrections that saw the reference: none" in done.stdout
+    found = json.loads((files / "a.json").read_text(encoding="utf-8"))
+    assert [found[name]["held"] for name in ("time", "rate", "rigid_motion")] == [True] * 3
+    assert found["positions_m"]["rigid"]["all joints"]["all"]["rmse"] < 0.005
+    held = mocapella.compare(files / "ours.csv", files / "same.trc", same_clock=True, same_space=True)
+    assert held.result.corrections == ()
+
+
+def test_tables_fit_into_the_terminal(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = mocapella.compare(files / "ours.csv", files / "marks.trc").result
+    lines = {}
+    for width in (60, 80, 200):
+        monkeypatch.setenv("COLUMNS", str(width))
+        show_comparison(found)
+        lines[width] = capsys.readouterr().out.splitlines()
+        (row,) = [line for line in lines[width] if line.strip().startswith("Head ")]
+        assert len(row) <= width
+    text = {width: "\n".join(some) for width, some in lines.items()}
+    assert "bias x, y, z mm" in " ".join(text[60].partition("for want of width")[2].split())
+    assert "for want of width" not in text[200]
+
+
+def test_a_file_that_is_cut_off_is_compared_with_a_status_of_its_own(files: Path) -> None:
+    write_c3d(motion(100.0, 0.5), files / "whole.c3d")
+    data = (files / "whole.c3d").read_bytes()
+    (files / "cut.c3d").write_bytes(data[: -len(data) // 4])
+    text = (files / "marks.trc").read_text(encoding="utf-8").splitlines(keepends=True)
+    (files / "cut.trc").write_text("".join(text[:-100]), encoding="utf-8")
+    for name, status in (("whole.c3d", 0), ("cut.c3d", 3), ("cut.trc", 3)):
+        done = run_here(files, "compare", "ours.csv", name)
+        assert done.returncode == status, name
+        assert ("its header says" in done.stderr) == (status == 3)
+
+
+@pytest.mark.slow
+def test_the_plot_has_each_joint_once_for_all_people(files: Path) -> None:
+    pytest.importorskip("matplotlib")
+    one = motion(30.0)
+    two = Trajectories(**{**vars(one), "individuals": ("anna", "ben")} | {
+        name: np.repeat(getattr(one, name), 2, axis=1) for name in ("positions", "states", "sd")
+    })  # fmt: skip
+    found = compared({"people": two}, {"people": two}, people={"anna": "anna", "ben": "ben"})
+    axes = figure_of(found).axes
+    names = [label.get_text() for label in axes[1].get_yticklabels()]
+    assert names == list(one.keypoints)
+    assert {text.get_text() for text in axes[1].get_legend().get_texts()} == {"anna", "ben"}
+    assert axes[1].get_xlabel() == "RMSE [mm]"
+    assert {axis.get_title().partition(":")[0] for axis in axes[2::2]} == {"anna", "ben"}
 
 
 @pytest.mark.parametrize(

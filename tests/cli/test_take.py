@@ -44,7 +44,9 @@ def test_an_interrupted_take_is_not_whole_until_it_is_recovered(tmp_path: Path) 
     assert done.returncode == 1
     assert not json.loads(done.stdout)["whole"]
     assert "ends early" in done.stderr
-    assert run_here(tmp_path, "take", "info", "a").returncode == 0
+    told = run_here(tmp_path, "take", "info", "a", "--json", "-")
+    assert told.returncode == 3
+    assert not json.loads(told.stdout)["whole"]
     assert result_here(tmp_path, "take", "recover", "a")["whole"]
     assert run_here(tmp_path, "take", "check", "a").returncode == 0
 

@@ -24,6 +24,7 @@ from mocapella.errors import EvaluationError, InputError, MocapellaError, Settin
 from mocapella.evaluation.compared_pairs import SCENES, ComparedPairSettings, errors_of, simulated_pair
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.model.hand import LANDMARKS
+from mocapella.model.resampling import resampled
 from mocapella.model.topology import topology
 from mocapella.model.trajectories import Trajectories
 
@@ -106,6 +107,114 @@ def test_markers_50_mm_beside_the_joints_hardly_move_the_time() -> None:
     np.testing.assert_allclose(bare.errors + found.biases, found.errors, atol=1e-12)
     assert "--remove-bias" in bare.corrections[-1]
     np.testing.assert_array_equal(bare.biases, found.biases)
+
+
+def of_two_sensors(seed: int, lag_s: float, bias_m: float = 0.0) -> Trajectories:
+    """Results that follow the frames of two sensors in turn, of which the second sees everything later and beside."""
+    rng = np.random.default_rng(seed)
+    at = np.arange(0, 12, 1 / 60)
+    sensors = np.arange(len(at)) % 2
+    x = moving(at - lag_s * sensors, seed) + rng.normal(scale=0.003, size=(len(at), 1, 8, 3))
+    return made(at, x + bias_m * rng.normal(size=(2, 1, 8, 3))[sensors], sensors=sensors)
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 10_000))
+def test_lags_of_the_sensors_count_in_the_uncertainty(seed: int) -> None:
+    """The results of one of two sensors are half the lag away from those of both; a known sensor makes it known."""
+    ours = of_two_sensors(seed, 0.01, 0.01)
+    first = ours.at(slice(0, None, 2))
+    sides = {"people": ours}, {"people": first}
+    motion = compared(*sides).motion
+    error = abs(motion.reference_s(np.array(6.0)) - 6.0)
+    assert error == pytest.approx(0.005, abs=0.002)
+    assert 0.5 < error / motion.offset_sd_s < 2.0
+    turned = Rotation.from_matrix(motion.T[:3, :3]).as_rotvec()
+    assert np.all(np.abs(turned) < 4 * motion.rotation_sd)
+    unknown = compared({"people": replace(ours, sensors=ours.sensors[:0])}, sides[1]).motion
+    assert error > 5 * unknown.offset_sd_s  # the guard: noise alone does not tell
+    swapped = compared(sides[1], sides[0]).motion
+    assert swapped.offset_sd_s == pytest.approx(motion.offset_sd_s, rel=0.3)
+
+
+def test_sensors_that_agree_add_little_uncertainty() -> None:
+    ours, theirs = of_two_sensors(1, 0.0), made(np.arange(0, 12, 0.01), moving(np.arange(0, 12, 0.01), 1))
+    motion = compared({"people": ours}, {"people": theirs}).motion
+    alone = compared({"people": replace(ours, sensors=ours.sensors[:0])}, {"people": theirs}).motion
+    assert motion.offset_sd_s < 1.6 * alone.offset_sd_s
+
+
+def test_slow_errors_count_in_the_uncertainty() -> None:
+    """All joints are late, then early: neither the joints' own noise nor two seconds of it show that."""
+    rng = np.random.default_rng(0)
+    at, theirs = np.arange(0, 24, 1 / 30), np.arange(-1, 25, 1 / 100)
+    late = 0.02 * np.sin(2 * np.pi * at / 9)
+    ours = made(at, moving(at - late, 3) + rng.normal(scale=0.003, size=(len(at), 1, 8, 3)))
+    motion = compared({"people": ours}, {"people": made(theirs, moving(theirs, 3))}).motion
+    error = abs(motion.reference_s(np.array(12.0)) - 12.0)
+    assert error < 3 * motion.offset_sd_s
+    assert motion.offset_sd_s > 0.002
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 100.0])
+def test_an_exact_recording_that_rests_most_of_the_time_is_found(rate_hz: float) -> None:
+    """What moves for a short time is no outlier while the time is rough."""
+    at = np.arange(0, 20, 1 / 30) + np.random.default_rng(0).uniform(-0.002, 0.002, 600)
+    moves = np.clip(np.minimum(at - 8, 11 - at), 0, 1)[:, None, None, None] ** 2
+    ours = made(at, moving(np.zeros(1), 5) + moves * (moving(at, 5) - moving(np.zeros(1), 5)))
+    motion = compared({"people": ours}, {"people": resampled(ours, rate_hz)}).motion
+    middle = motion.middle_s
+    assert motion.reference_s(np.array(middle)) == pytest.approx(middle, abs=1e-3)
+
+
+def test_clock_and_space_are_held() -> None:
+    """Two people, of whom the other tracker gives the ids the other way round, beside where they were."""
+    ours = pair(3, people=2)[0]
+    moved = replace(ours.of(["person_1", "person_0"]), individuals=("a", "b"))
+    moved = replace(moved, positions=moved.positions + np.array([0.05, 0.0, 0.0]))
+    found = compared({"people": ours}, {"people": moved}, same_clock=True, same_space=True)
+    assert found.people == {"person_0": "b", "person_1": "a"}
+    assert found.corrections == ()
+    np.testing.assert_array_equal(found.motion.T, np.eye(4))
+    np.testing.assert_array_equal(found.reference_s, found.times_s)
+    np.testing.assert_allclose(
+        found.errors[np.isfinite(found.errors).all(axis=3)].mean(axis=0), [-0.05, 0, 0], atol=1e-9
+    )
+    clock = compared({"people": ours}, {"people": moved}, people=found.people, same_clock=True)
+    np.testing.assert_allclose(clock.motion.T[:3, 3], [-0.05, 0, 0], atol=1e-6)
+    assert clock.corrections == ("the rigid motion was estimated",)
+    assert (clock.motion.offset_sd_s, clock.motion.ratio_sd) == (0.0, 0.0)
+    later = replace(moved, times_s=moved.times_s + 1.5)
+    space = compared({"people": ours}, {"people": later}, people=found.people, same_space=True)
+    assert space.motion.shift_s == pytest.approx(1.5, abs=5e-3)
+    assert "the rigid motion was estimated" not in space.corrections
+    assert not space.motion.rotation_sd.any()
+
+
+def test_one_clock_is_the_wall_clock_where_both_state_it() -> None:
+    ours = replace(pair(3)[0], began_unix_ns=10**18)
+    later = replace(ours.at(slice(30, None)), began_unix_ns=10**18 + 10**9)
+    later = replace(later, times_s=later.times_s - 1.0)
+    found = compared({"people": ours}, {"people": later}, same_clock=True, same_space=True)
+    assert np.nanmax(np.abs(found.errors)) < 1e-9
+    untold = replace(later, began_unix_ns=0)
+    found = compared({"people": ours}, {"people": untold}, same_clock=True, same_space=True)
+    assert np.nanmax(np.abs(found.errors)) > 0.01
+
+
+def test_what_cannot_be_held_is_refused() -> None:
+    ours, theirs, *_ = pair(1)
+    for reference, why in (
+        (replace(theirs, rate_hz=math.nan), "no times; leave --same-clock out"),
+        (replace(ours, positions=ours.positions + 9.0), "within 0.5 m of each other at the same time"),
+        (replace(ours, times_s=ours.times_s + 99.0), "within 0.5 m of each other at the same time"),
+    ):
+        with pytest.raises(MocapellaError, match=why):
+            compared({"people": ours}, {"people": reference}, same_clock=True, same_space=True)
+    with pytest.raises(EvaluationError, match="no known joints at a common time"):
+        compared({"people": ours}, {"people": replace(ours, times_s=ours.times_s + 99.0)}, same_clock=True)
+    with pytest.raises(EvaluationError, match="no common motion"):
+        compared({"people": ours}, {"people": made(ours.times_s, moving(ours.times_s, 99))}, same_clock=True)
 
 
 def test_measured_and_inferred_samples_are_scored_apart() -> None:

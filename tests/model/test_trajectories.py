@@ -71,6 +71,11 @@ def test_each_person_is_at_its_time_and_nowhere_else(rows: list[tuple[int, set[i
     np.testing.assert_allclose(found.times_s, (np.array(times) - times[0]) / 1e9, atol=1e-12)
     assert found.began_unix_ns == BEGIN + times[0]
     assert set(found.individuals) == {f"person_{i}" for _, who, _ in rows for i in who}
+    every = [at for at, _, _ in rows]
+    alone = {at: sensor for at, _, sensor in rows if every.count(at) == 1}
+    numbers = {(alone[at], number) for at, number in zip(times, found.sensors.tolist(), strict=True) if at in alone}
+    assert len(numbers) == len({name for name, _ in numbers}) == len({number for _, number in numbers})
+    np.testing.assert_array_equal(found.at(slice(1, None)).sensors, found.sensors[1:])
     for frame, at in enumerate(times):
         k, who = newest[at]
         for place, name in enumerate(found.individuals):

@@ -154,7 +154,7 @@ def test_only_every_nth_result_is_written_and_what_is_no_result_does_not_count(t
     nobody = scene()
     scenes = [calibrating, *[two_views(), nobody] * 5]
     report = export(tmp_path / "log.csv", scenes, every=2)
-    assert report == ExportReport(results=5, written=3, rows=6, without_reference=0, mirrored=0)
+    assert report == ExportReport(results=5, written=3, rows=6, without_reference=0, mirrored=0, not_tracking=1)
     assert read_study_log(tmp_path / "log.csv").tracker_time_ms[::2].tolist() == [1001, 1005, 1009]
 
 

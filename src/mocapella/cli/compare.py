@@ -39,7 +39,8 @@ def compare(
     pairs: Annotated[
         str | None,
         typer.Option(
-            "--pairs", metavar="OURS=THEIRS,…", help="Pairs of individuals; by default matched by motion.",
+            "--pairs", metavar="OURS=THEIRS,…",
+            help="Pairs of individuals; by default matched by motion, or by distance with --same-clock --same-space.",
         ),
     ] = None,
     joint_map: Annotated[
@@ -52,6 +53,12 @@ def compare(
     remove_bias: Annotated[
         bool,
         typer.Option("--remove-bias", help="Subtract each joint's mean difference, as of a marker beside the joint."),
+    ] = False,
+    same_clock: Annotated[
+        bool, typer.Option("--same-clock", help="Hold the time: both have one clock, as a take tracked again has.")
+    ] = False,
+    same_space: Annotated[
+        bool, typer.Option("--same-space", help="Hold the rigid motion: both are in the same coordinates.")
     ] = False,
     report: Annotated[
         Path | None,
@@ -67,6 +74,8 @@ def compare(
     """Estimate time, rate and rigid motion between a recording and a reference; score joints and angles.
 
     Each correction that sees the reference is named. docs/compare.md explains the figures.
+
+    Exit status: 3 if a file is damaged or cut off, and what can be read was compared.
 
     Example:  mocapella compare walk-1 vicon.c3d --report walk-1.html
     """
@@ -85,7 +94,10 @@ def compare(
     chosen, matched = None if joint_map is None else read_joint_map(joint_map), pairs_of_text(pairs)
     with working("comparing …", status=INTERRUPTED):
         ours, theirs = trajectories_in(recording), trajectories_in(reference, unit)
-        found = compared(ours.found, theirs.found, kind=kind, people=matched, joints=chosen, remove_bias=remove_bias)
+        found = compared(
+            ours.found, theirs.found, kind=kind, people=matched, joints=chosen, remove_bias=remove_bias,
+            same_clock=same_clock, same_space=same_space,
+        )  # fmt: skip
         _write_files(found, {"recording": ours.path.name, "reference": theirs.path.name}, report, curves, plot)
     problems = [f"{side.path.name}: {problem}" for side in (ours, theirs) for problem in side.problems]
     for problem in problems:
@@ -126,19 +138,34 @@ def show_comparison(found: Compared) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from mocapella.exports.comparison_report import ANGLE_HEADS, POSITION_HEADS, angle_rows, findings, position_rows
+    from mocapella.exports.comparison_report import (
+        ANGLE_HEADS,
+        POSITION_HEADS,
+        angle_rows,
+        findings,
+        fitting,
+        position_rows,
+        position_words,
+    )
 
     out = Console(highlight=False)
     for line in findings(found):
         out.print(line, markup=False, soft_wrap=True)
+    out.print(position_words(found), markup=False, soft_wrap=True)
     for title, heads, rows in (
         ("positions, recording minus reference", POSITION_HEADS, position_rows(found)),
         ("angles, recording minus reference", ANGLE_HEADS, angle_rows(found)),
     ):
         if rows:
+            columns = fitting(heads, rows, out.width)
             table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-            for head in heads:
-                table.add_column(head, justify="right" if head else "left")
+            for k in columns:
+                table.add_column(heads[k], justify="right" if heads[k] else "left", no_wrap=True)
             for row in rows:
-                table.add_row(*(escape(cell) for cell in row))
+                table.add_row(*(escape(row[k]) for k in columns))
             out.print(table)
+            lost = [head for k, head in enumerate(heads) if k not in columns]
+            if lost:
+                out.print(
+                    f"not shown for want of width: {'; '.join(lost)} (--report and --json have all)", markup=False
+                )

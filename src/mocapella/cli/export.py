@@ -79,6 +79,8 @@ def study_log(
     with working(f"writing {target} …", status=INTERRUPTED):
         report = export_study_log(_timed_scenes(source, chosen), target, every=every, reference=reference)
     say(f"{report.rows} rows of {report.written} results in {target}")
+    if report.not_tracking:
+        say(f"left out: {report.not_tracking} results with people, as the tracker was still calibrating")
     if report.mirrored:
         say(f"left and right were swapped in {report.mirrored} of them; rows are as the sensor labels them")
     for problem in source.problems:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mocapella.cli import DAMAGED
 from mocapella.cli.app import take_app
 from mocapella.cli.common import JsonOut, TakeArgument, say, write_json
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 @take_app.command()
 def info(take: TakeArgument, json: JsonOut = None) -> None:
     """Print what is in a take: its origin, the stored and missing frames of each sensor, and when there were problems.
+
+    Exit status: 3 if the take is damaged or was not closed, and what can be read was told.
 
     Example:  mocapella take info walk-1
     """
@@ -36,6 +39,8 @@ def info(take: TakeArgument, json: JsonOut = None) -> None:
         who = f"{one.sensor}: " if one.sensor else ""
         say(f"{who}from {one.from_s:.0f} to {one.to_s:.0f} s: {one.condition}")
     write_json(json, {**row, "conditions": [asdict(one) for one in intervals]})
+    if found.damaged:
+        raise typer.Exit(DAMAGED)
 
 
 @take_app.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,13 +14,13 @@ from mocapella.comparison.estimate import EstimatedMotion, estimate
 from mocapella.comparison.flexions import flexions, hinges
 from mocapella.comparison.joint_names import MatchedJoint, Terms, weighted
 from mocapella.comparison.motion_fit import TimeAndMotion
-from mocapella.comparison.pairing import chosen_kinds, matched_people, paths_of
-from mocapella.errors import EvaluationError
+from mocapella.comparison.pairing import chosen_kinds, matched_people, near_people, paths_of, sampled
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import EvaluationError, SettingsError
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply
 from mocapella.model.joint_angles import JointAngles
 from mocapella.model.observations import JointState
-from mocapella.model.resampling import LONGEST_GAP_FRAMES, LONGEST_GAP_S, Between
 from mocapella.model.trajectories import Trajectories
 
 Float64 = NDArray[np.float64]
@@ -80,13 +80,14 @@ class Compared:
         """The corrections that saw the reference, in words, in their order."""
         motion = self.motion
         made = []
-        if motion.time_observable:
+        if motion.time_observable and not motion.clock_held:
             made.append("the time offset was estimated")
         if not self.clock:
             made.append("the rate of the reference, which has no times, was estimated")
         elif motion.drift_estimated:
             made.append("the rate of the clocks was estimated")
-        made.append("the rigid motion was estimated")
+        if not motion.space_held:
+            made.append("the rigid motion was estimated")
         if self.bias_removed:
             made.append("the mean difference of each joint was removed (--remove-bias)")
         return tuple(made)
@@ -138,15 +139,21 @@ def compared(
     people: Mapping[str, str] | None = None,
     joints: Mapping[str, Terms] | None = None,
     remove_bias: bool = False,
+    same_clock: bool = False,
+    same_space: bool = False,
 ) -> Compared:
     """Compare a recording with a reference.
 
     Args:
         recording, reference: trajectories by kind.
         kind: kind of the recording's results; None for the one with most joints in common.
-        people: the reference's individual by the recording's; None to match them by their motion.
+        people: the reference's individual by the recording's; None to match them by their motion, or by their distance
+            if clock and space are the same.
         joints: keypoints of the reference with weights, by joint of the recording; None to match them by name.
         remove_bias: whether each joint's mean difference is subtracted, such as between a marker and a joint centre.
+        same_clock: whether both have one clock, and no time is estimated: the wall clock if both files state it, and
+            the files' own times otherwise.
+        same_space: whether both are in the same coordinates, and no rigid motion is estimated.
 
     Raises:
         SettingsError: a side is empty, a name is unknown, or no joints match.
@@ -155,14 +162,27 @@ def compared(
     ours, theirs, found = chosen_kinds(recording, reference, kind, joints)
     if min(len(ours), len(theirs)) < 2:
         raise EvaluationError("a recording of fewer than two frames cannot be compared")
-    pairs = matched_people(ours, theirs, found, people or {})
+    if same_clock:
+        theirs = _on_clock_of(ours, theirs)
+    by_distance = same_clock and same_space and not people
+    pairs = near_people(ours, theirs, found) if by_distance else matched_people(ours, theirs, found, people or {})
     own = paths_of(ours, list(pairs), [one.ours for one in found])
     if not own.clock:
         raise EvaluationError("the recording has no times; give it as the reference")
     other = paths_of(theirs, list(pairs.values()), [one.theirs for one in found])
-    motion, notes = estimate(own, other)
+    motion, notes = estimate(own, other, same_clock=same_clock, same_space=same_space)
     estimated = EstimatedMotion(motion, notes)
     return _scored(ours.of(list(pairs)), theirs.of(list(pairs.values())), found, estimated, remove_bias)
+
+
+def _on_clock_of(ours: Trajectories, theirs: Trajectories) -> Trajectories:
+    """Return the reference with its times since the recording's beginning, if both state the wall clock."""
+    if not np.isfinite(theirs.rate_hz):
+        raise SettingsError("the reference has no times; leave --same-clock out")
+    if not (ours.began_unix_ns and theirs.began_unix_ns):
+        return theirs
+    later_s = (theirs.began_unix_ns - ours.began_unix_ns) / NS_PER_S
+    return replace(theirs, times_s=theirs.times_s + later_s, began_unix_ns=ours.began_unix_ns)
 
 
 def _scored(
@@ -180,8 +200,8 @@ def _scored(
     ours, at = ours.at(inside), at[inside]
     x, states = _joints(ours, [one.ours for one in joints])
     y_all, y_states = _joints(theirs, [one.theirs for one in joints])
-    y = _sampled(theirs.times_s, y_all, y_states > 0, at)
-    sure = np.isfinite(_sampled(theirs.times_s, np.where((y_states == JointState.TRACKED)[..., None], y_all, np.nan),
+    y = sampled(theirs.times_s, y_all, y_states > 0, at)
+    sure = np.isfinite(sampled(theirs.times_s, np.where((y_states == JointState.TRACKED)[..., None], y_all, np.nan),
                                 y_states == JointState.TRACKED, at)).all(axis=3)  # fmt: skip
     states = np.where(sure, states, np.minimum(states, np.uint8(JointState.INFERRED)))
     known = np.all(np.isfinite(x), axis=3) & np.all(np.isfinite(y), axis=3)
@@ -205,17 +225,6 @@ def _joints(one: Trajectories, terms: Sequence[Terms]) -> tuple[Float64, NDArray
     return np.stack([point for point, _ in found], axis=2), np.stack([state for _, state in found], axis=2)
 
 
-def _sampled(times_s: Float64, values: Float64, known: NDArray[np.bool_], at: Float64) -> Float64:
-    """Interpolate values (frames, individuals, n, …) at other times, linearly and over short gaps only."""
-    longest = max(LONGEST_GAP_S, LONGEST_GAP_FRAMES * float(np.median(np.diff(times_s))))
-    out = np.full((len(at), *values.shape[1:]), np.nan)
-    for i, k in np.ndindex(known.shape[1:]):
-        between = Between.of(times_s, known[:, i, k], at, longest)
-        if between is not None:
-            out[between.to, i, k] = between.mixed(values[:, i, k])
-    return out
-
-
 def _angles(
     ours: Trajectories, theirs: Trajectories, at: Float64, joints: tuple[MatchedJoint, ...], sides: tuple[Any, Any, Any]
 ) -> tuple[tuple[str, ...], Float64, Float64, NDArray[np.uint8]]:
@@ -233,7 +242,7 @@ def _angles(
         return names, first, second, flexed
     mine = ours.angles[..., [ours.angle_names.index(name) for name in stated]]
     other = theirs.angles[..., [theirs.angle_names.index(name) for name in stated]]
-    circle = _sampled(theirs.times_s, np.stack([np.cos(other), np.sin(other)], axis=-1), np.isfinite(other), at)
+    circle = sampled(theirs.times_s, np.stack([np.cos(other), np.sin(other)], axis=-1), np.isfinite(other), at)
     other = np.arctan2(circle[..., 1], circle[..., 0])
     own_angles = JointAngles.of(ours, with_sd=False)
     sure = own_angles.states[..., [own_angles.names.index(name) for name in stated]]

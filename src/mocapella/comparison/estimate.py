@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +21,13 @@ from mocapella.comparison.lag_search import (
     regridded,
 )
 from mocapella.comparison.motion_fit import DRIFT_KNOWN, TimeAndMotion, fit, without_time
-from mocapella.comparison.smooth_paths import SmoothPaths, smooth_paths, without_spikes
+from mocapella.comparison.smooth_paths import (
+    SensorPaths,
+    SmoothPaths,
+    paths_of_sensors,
+    smooth_paths,
+    without_spikes,
+)
 from mocapella.errors import EvaluationError
 
 Float64 = NDArray[np.float64]
@@ -52,12 +58,14 @@ class JointPaths:
         positions: (frames, joints, 3) [m]; NaN where unknown.
         groups: (joints,) number of each joint's individual.
         clock: whether the times are seconds.
+        sensors: (frames,) number of the sensor whose frame each result follows; empty if unknown.
     """
 
     times_s: Float64
     positions: Float64
     groups: NDArray[np.int64]
     clock: bool = True
+    sensors: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
     def step_s(self) -> float:
@@ -91,12 +99,15 @@ def check_long_enough(paths: JointPaths, what: str) -> None:
         raise EvaluationError(f"the {what} is too short to compare: {about}; give {SHORTEST_S:g} s and 16 frames")
 
 
-def estimate(ours: JointPaths, theirs: JointPaths) -> EstimatedMotion:
+def estimate(
+    ours: JointPaths, theirs: JointPaths, *, same_clock: bool = False, same_space: bool = False
+) -> EstimatedMotion:
     """Estimate the time map and the rigid motion from a reference to a recording.
 
     Args:
         ours: the recording, whose clock is in seconds.
         theirs: the reference, with the same joints.
+        same_clock, same_space: whether the time map, or the rigid motion, is known to be the identity, and is held.
 
     Raises:
         EvaluationError: one is too short, or the two show no common motion.
@@ -104,12 +115,22 @@ def estimate(ours: JointPaths, theirs: JointPaths) -> EstimatedMotion:
     check_long_enough(ours, "recording")
     check_long_enough(theirs, "reference")
     ours, theirs = (replace(one, positions=without_spikes(one.positions)) for one in (ours, theirs))
-    likely = [one for candidate in candidates(ours, theirs) if (one := _fitted(ours, theirs, candidate, quick=True))]
-    likely.sort(key=_certainty, reverse=True)
-    best = _fitted(ours, theirs, _rough(likely[0])) if likely else None
+    if same_clock:
+        return _on_same_clock(ours, theirs, same_space)
+    space = not same_space
+    tried = (_fitted(ours, theirs, one, quick=True, space=space) for one in candidates(ours, theirs))
+    likely = sorted((one for one in tried if one), key=_certainty, reverse=True)
+    best = _fitted(ours, theirs, _rough(likely[0]), space=space) if likely else None
     if best is not None and best.time_observable and best.explained >= EXPLAINED:
         return EstimatedMotion(best, tuple(_repeats(likely)))
-    return _still(ours, theirs, best)
+    return _still(ours, theirs, best, space)
+
+
+def _on_same_clock(ours: JointPaths, theirs: JointPaths, same_space: bool) -> EstimatedMotion:
+    found = _at_stated_time(ours, theirs, 0.0, space=not same_space)
+    if found.explained < EXPLAINED and not same_space and not _rests(ours, theirs):
+        raise _unlike(found)
+    return EstimatedMotion(replace(found, clock_held=True, offset_sd_s=0.0, ratio_sd=0.0), ())
 
 
 def _certainty(found: TimeAndMotion) -> float:
@@ -176,24 +197,36 @@ def _in_seconds(theirs: JointPaths, rough: RoughTime) -> tuple[JointPaths, Rough
 
 
 def _smoothed(ours: JointPaths, theirs: JointPaths) -> tuple[SmoothPaths, SmoothPaths]:
-    width = max(ours.step_s, theirs.step_s, _LEAST_WIDTH_S)
+    width = _width_s(ours, theirs)
     own, other = (smooth_paths(one.times_s, one.positions, width) for one in (ours, theirs))
     return own, other
 
 
-def _fitted(ours: JointPaths, theirs: JointPaths, rough: RoughTime, *, quick: bool = False) -> TimeAndMotion | None:
-    """Return the fit from a rough time, in the reference's own unit of time; ``quick`` as in `fit`."""
+def _width_s(ours: JointPaths, theirs: JointPaths) -> float:
+    return max(ours.step_s, theirs.step_s, _LEAST_WIDTH_S)
+
+
+def _by_sensor(ours: JointPaths, theirs: JointPaths) -> tuple[tuple[SensorPaths, ...], ...]:
+    width = _width_s(ours, theirs)
+    return tuple(paths_of_sensors(one.times_s, one.positions, one.sensors, width) for one in (ours, theirs))
+
+
+def _fitted(
+    ours: JointPaths, theirs: JointPaths, rough: RoughTime, *, quick: bool = False, space: bool
+) -> TimeAndMotion | None:
+    """Return the fit from a rough time, in the reference's own unit of time; ``quick`` and ``space`` as in `fit`."""
     seconds, start, per_second = _in_seconds(theirs, rough)
     own, other = _smoothed(ours, seconds)
     stated = replace(
         start, ratio=1.0, shift_s=start.shift_s + (start.ratio - 1.0) * float(ours.times_s[[0, -1]].mean())
     )
     if quick:
-        found = fit(own, other, start, drift=not theirs.clock, quick=True)
+        found = fit(own, other, start, drift=not theirs.clock, quick=True, space=space)
     else:
-        found = fit(own, other, start, drift=True)
+        sensors = _by_sensor(ours, seconds)
+        found = fit(own, other, start, drift=True, sensors=sensors, space=space)
         if theirs.clock and (found is None or not found.ratio_sd <= DRIFT_KNOWN):
-            found = fit(own, other, stated, drift=False)
+            found = fit(own, other, stated, drift=False, sensors=sensors, space=space)
     return None if found is None else replace(
         found, reference_middle_s=found.reference_middle_s * per_second, ratio=found.ratio * per_second
     )  # fmt: skip
@@ -215,29 +248,47 @@ def _repeats(found: list[TimeAndMotion]) -> Iterator[str]:
             return
 
 
-def _still(ours: JointPaths, theirs: JointPaths, best: TimeAndMotion | None) -> EstimatedMotion:
+def _still(ours: JointPaths, theirs: JointPaths, best: TimeAndMotion | None, space: bool) -> EstimatedMotion:
     """Return the rigid motion alone, at the times as stated, if the motion does not tell the time.
 
     Raises:
         EvaluationError: both move, and not alike.
     """
-    scatter = [_scatter_m(one.positions) for one in (ours, theirs)]
-    if min(scatter) > STILL_M or max(scatter) > 5 * STILL_M:
-        explained = 0.0 if best is None else max(0.0, best.explained)
-        raise EvaluationError(
-            f"the recording and the reference show no common motion: at best {explained:.0%} of the joints' motion "
-            "agrees; give files of the same movement, or pair people with --pairs and joints with --map"
-        )
+    if not _rests(ours, theirs):
+        raise _unlike(best)
     if not theirs.clock:
         raise EvaluationError("the reference has no times, and without motion its rate is not observable")
     overlap = min(ours.times_s[-1], theirs.times_s[-1]) - max(ours.times_s[0], theirs.times_s[0])
     shift = 0.0 if overlap > SHORTEST_S else float(theirs.times_s[0] - ours.times_s[0])
-    found = fit(*_smoothed(ours, theirs), RoughTime(1.0, shift, 0.0, 0.0), drift=False, time=False)
-    if found is None:
-        raise EvaluationError("the recording and the reference have no known joints at a common time")
+    found = _at_stated_time(ours, theirs, shift, space=space)
     stated = "the clocks are taken as stated" if shift == 0 else "the beginnings are taken as one time"
     return EstimatedMotion(
         without_time(found), (f"no motion: the time offset is not observable (infinite uncertainty); {stated}",)
+    )
+
+
+def _at_stated_time(ours: JointPaths, theirs: JointPaths, shift_s: float, *, space: bool) -> TimeAndMotion:
+    """Return the rigid motion alone, at a known time."""
+    found = fit(
+        *_smoothed(ours, theirs), RoughTime(1.0, shift_s, 0.0, 0.0), drift=False, time=False, space=space,
+        sensors=_by_sensor(ours, theirs),
+    )  # fmt: skip
+    if found is None:
+        raise EvaluationError("the recording and the reference have no known joints at a common time")
+    return found
+
+
+def _rests(ours: JointPaths, theirs: JointPaths) -> bool:
+    """Return whether one side is still, and the other nearly."""
+    scatter = [_scatter_m(one.positions) for one in (ours, theirs)]
+    return min(scatter) <= STILL_M and max(scatter) <= 5 * STILL_M
+
+
+def _unlike(best: TimeAndMotion | None) -> EvaluationError:
+    explained = 0.0 if best is None else max(0.0, best.explained)
+    return EvaluationError(
+        f"the recording and the reference show no common motion: at best {explained:.0%} of the joints' motion "
+        "agrees; give files of the same movement, or pair people with --pairs and joints with --map"
     )
 
 

@@ -6,17 +6,23 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from mocapella.comparison.estimate import JointPaths, candidates
 from mocapella.comparison.joint_names import MatchedJoint, Terms, matched_joints, weighted
 from mocapella.comparison.smooth_paths import without_spikes
 from mocapella.errors import EvaluationError, SettingsError, one_of
+from mocapella.model.resampling import LONGEST_GAP_FRAMES, LONGEST_GAP_S, Between
 from mocapella.model.trajectories import Trajectories
 
 CLEARLY: Final = 0.05
 """Least difference of the mean correlation between the best pairs and others."""
+NEAR_M: Final = 0.5
+"""Distance of two individuals' joints within which they may be one person [m]; larger: pairs that agree less."""
 _UNLIKE: Final = -10.0
+
+Float64 = NDArray[np.float64]
 
 
 def chosen_kinds(
@@ -61,7 +67,7 @@ def paths_of(trajectories: Trajectories, individuals: Sequence[str], joints: Seq
     parts = [weighted(own.positions, own.states, own.keypoints, terms)[0] for terms in joints]
     positions = np.stack(parts, axis=2).reshape(len(own), -1, 3)
     groups = np.repeat(np.arange(len(individuals)), len(joints))
-    return JointPaths(own.times_s, positions, groups, clock=bool(np.isfinite(own.rate_hz)))
+    return JointPaths(own.times_s, positions, groups, clock=bool(np.isfinite(own.rate_hz)), sensors=own.sensors)
 
 
 def pairs_of_text(text: str | None) -> dict[str, str]:
@@ -118,6 +124,44 @@ def matched_people(
             f"{ours.individuals[0]}={theirs.individuals[0]}"
         )
     return {ours.individuals[a]: theirs.individuals[b] for a, b in used}
+
+
+def near_people(ours: Trajectories, theirs: Trajectories, joints: Sequence[MatchedJoint]) -> dict[str, str]:
+    """Return the reference's individual of each individual of the recording, by distance at the same times.
+
+    Each frame in which two are near counts for them, the more the nearer they are.
+
+    Raises:
+        EvaluationError: no two are within `NEAR_M` at the same time.
+    """
+    x, y = (
+        paths_of(one, one.individuals, [getattr(joint, side) for joint in joints]).positions
+        .reshape(len(one), len(one.individuals), len(joints), 3)
+        for one, side in ((ours, "ours"), (theirs, "theirs"))
+    )  # fmt: skip
+    y = sampled(theirs.times_s, y, np.asarray(np.isfinite(y).all(axis=3)), ours.times_s)
+    near = np.zeros((x.shape[1], y.shape[1]))
+    for a, b in np.ndindex(near.shape):
+        apart = np.linalg.norm(x[:, a] - y[:, b], axis=2)
+        near[a, b] = np.nan_to_num(np.maximum(0.0, 1.0 - apart / NEAR_M)).sum()
+    found = [(a, b) for a, b in zip(*linear_sum_assignment(-near), strict=True) if near[a, b] > 0]
+    if not found:
+        raise EvaluationError(
+            f"no individuals are within {NEAR_M:g} m of each other at the same time; leave --same-space or "
+            "--same-clock out, or name pairs with --pairs"
+        )
+    return {ours.individuals[a]: theirs.individuals[b] for a, b in found}
+
+
+def sampled(times_s: Float64, values: Float64, known: NDArray[np.bool_], at: Float64) -> Float64:
+    """Interpolate values (frames, individuals, n, …) at other times, linearly and over short gaps only."""
+    longest = max(LONGEST_GAP_S, LONGEST_GAP_FRAMES * float(np.median(np.diff(times_s))))
+    out = np.full((len(at), *values.shape[1:]), np.nan)
+    for i, k in np.ndindex(known.shape[1:]):
+        between = Between.of(times_s, known[:, i, k], at, longest)
+        if between is not None:
+            out[between.to, i, k] = between.mixed(values[:, i, k])
+    return out
 
 
 def _likeness(ours: Trajectories, theirs: Trajectories, joints: Sequence[MatchedJoint], a: str, b: str) -> float:

@@ -30,6 +30,8 @@ _HALF: Final = 3
 SPIKE: Final = 6.0
 """Distance from the median of its neighbours at which a sample is a spike, in robust standard deviations."""
 _LEAST_SPIKE_M: Final = 0.005
+_FEWEST_OF_SENSOR: Final = 16
+"""Least number of a sensor's results from which its own path is smoothed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +107,46 @@ def smooth_paths(times_s: Float64, positions: Float64, width_s: float) -> Smooth
     off = np.linalg.norm(positions - found.at(times_s)[0], axis=2)
     some = off[np.isfinite(off)]
     return replace(found, noise_m=float(np.median(some)) if len(some) else math.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPaths:
+    """Smoothed paths from the results of one sensor, beside those of all.
+
+    Attributes:
+        share: the sensor's share of the results.
+        own, whole: the paths by its results, and by those of all sensors, smoothed alike.
+    """
+
+    share: float
+    own: SmoothPaths
+    whole: SmoothPaths
+
+    def deviations(self, times_s: Float64) -> Float64:
+        """Return the sensor's positions minus those of all (times, joints, 3) [m]; NaN where unknown."""
+        return np.asarray(self.own.at(times_s)[0] - self.whole.at(times_s)[0])
+
+
+def paths_of_sensors(
+    times_s: Float64, positions: Float64, sensors: NDArray[np.int64], width_s: float
+) -> tuple[SensorPaths, ...]:
+    """Smooth the results of each sensor alone; none if they are of one sensor, or of unknown ones.
+
+    Args:
+        times_s, positions: as in `smooth_paths`.
+        sensors: (frames,) number of each result's sensor; empty if unknown.
+        width_s: least standard deviation of the weights; a slower sensor's is its own step [s].
+    """
+    numbers, counts = np.unique(sensors, return_counts=True)
+    numbers = numbers[counts >= _FEWEST_OF_SENSOR]
+    if len(numbers) < 2:
+        return ()
+    chosen = [sensors == number for number in numbers]
+    width = max(width_s, *(float(np.median(np.diff(times_s[some]))) for some in chosen))
+    whole = smooth_paths(times_s, positions, width)
+    return tuple(
+        SensorPaths(float(some.mean()), smooth_paths(times_s[some], positions[some], width), whole) for some in chosen
+    )
 
 
 def without_spikes(positions: Float64) -> Float64:

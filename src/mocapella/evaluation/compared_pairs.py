@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from mocapella.comparison.comparison import compared
 from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import apply, inverse, rigid
 from mocapella.model.observations import JointState
+from mocapella.model.resampling import resampled
 from mocapella.model.trajectories import Trajectories
 from mocapella.sources.simulate import load_scene
 
@@ -41,6 +42,13 @@ class ComparedPairSettings:
             larger: more gaps.
         marker_m: scatter of constant distances between the two's joints; larger: farther from joint centres [m].
         clock: whether the reference has times.
+        correlation_s: time in which the recording's noise forgets itself; 0 for white noise; larger: slower noise [s].
+        sensors: number of sensors, each of ``rate_hz``, whose frames the recording's results follow in turn.
+        view_bias_m: scatter of constant distances of each joint in one sensor's results; larger: sensors that agree
+            less [m].
+        lag_s: scatter of the sensors' own lags; larger: sensors that agree less about the time [s].
+        itself: whether the reference is an export of the recording at ``rate_hz``, on another clock and in another
+            space.
     """
 
     seconds: float = 20.0
@@ -52,6 +60,11 @@ class ComparedPairSettings:
     gap_share: float = 0.03
     marker_m: float = 0.0
     clock: bool = True
+    correlation_s: float = 0.0
+    sensors: int = 1
+    view_bias_m: float = 0.0
+    lag_s: float = 0.0
+    itself: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +94,7 @@ def simulated_pair(scene: str, seed: int, settings: ComparedPairSettings | None 
     begin = rng.uniform(0, room.duration_s)
     ratio, shift = 1.0 + rng.uniform(-own.drift, own.drift), rng.uniform(-3.0, 3.0)
     rate = float(rng.choice(RATES_HZ))
-    at = np.arange(0.0, own.seconds, 1.0 / own.rate_hz)
-    at = np.sort(at + rng.uniform(-0.002, 0.002, len(at)))
+    at, sensors = _times(own, rng)
     theirs = np.arange(shift + rng.uniform(-2.0, 3.0), shift + own.seconds + rng.uniform(-3.0, 2.0), 1.0 / rate)
     T = rigid(Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix(), rng.normal(scale=1.5, size=3))
     periods, phases = np.array([7.0, 11.3, 23.0]), rng.uniform(0.0, 2 * np.pi, 3)
@@ -92,25 +104,58 @@ def simulated_pair(scene: str, seed: int, settings: ComparedPairSettings | None 
         waves = np.sin(2 * np.pi * times[:, None] / periods + phases) * periods
         return np.asarray(times + begin + _CHANGE / (2 * np.pi) * waves.sum(axis=1))
 
-    x = _positions(room, in_room(at))
+    lags = rng.normal(scale=own.lag_s, size=own.sensors) if own.lag_s else np.zeros(own.sensors)
+    x = _positions(room, in_room(at - lags[sensors]))
     y = apply(inverse(T), _positions(room, in_room((theirs - shift) / ratio)))
     y = y + rng.normal(scale=own.marker_m, size=y.shape[1:]) + rng.normal(scale=own.reference_noise_m, size=y.shape)
-    x = x + rng.normal(scale=own.noise_m, size=x.shape)
-    wrong = rng.random(x.shape[:3]) < own.outlier_share
-    x[wrong] += rng.normal(scale=0.3, size=(int(wrong.sum()), 3))
-    x[rng.random(x.shape[:3]) < own.gap_share] = np.nan
-    for k in range(0, x.shape[2], 3):
-        first = int(rng.integers(0, len(at)))
-        x[first : first + int(0.6 * own.rate_hz), :, k] = np.nan
+    x = x + _noise(at, x.shape, own, rng)
+    if own.view_bias_m:
+        x = x + rng.normal(scale=own.view_bias_m, size=(own.sensors, *x.shape[1:]))[sensors]
+    _spoil(x, own, rng)
     order = rng.permutation(x.shape[1])
     people = {f"person_{i}": f"subject_{int(np.flatnonzero(order == i)[0])}" for i in range(x.shape[1])}
     joints = room.topology.joints
+    recording = replace(_made(at, x, tuple(people), joints, own.rate_hz), sensors=sensors)
+    if own.itself:
+        same = resampled(recording, own.rate_hz).moved(inverse(T))
+        theirs, y, rate = ratio * same.times_s + shift, same.positions, own.rate_hz
     reference = _made(theirs, y[:, order], tuple(f"subject_{k}" for k in range(len(order))), joints, rate)
     if not own.clock:
         ratio, shift = ratio * rate, (shift - theirs[0]) * rate
         reference = _made(np.arange(len(theirs), dtype=np.float64), reference.positions, reference.individuals, joints,
                           math.nan)  # fmt: skip
-    return SimulatedPair(_made(at, x, tuple(people), joints, own.rate_hz), reference, ratio, shift, T, people)
+    return SimulatedPair(recording, reference, ratio, shift, T, people)
+
+
+def _times(own: ComparedPairSettings, rng: np.random.Generator) -> tuple[Float64, NDArray[np.int64]]:
+    """Return the times of the recording's results [s], and the number of each one's sensor."""
+    regular = np.arange(0.0, own.seconds, 1.0 / own.rate_hz)
+    phases = rng.uniform(0.0, 1.0 / own.rate_hz, own.sensors) if own.sensors > 1 else np.zeros(1)
+    at = np.concatenate([regular + phase for phase in phases])
+    at = at + rng.uniform(-0.002, 0.002, len(at))
+    order = np.argsort(at)
+    return at[order], np.repeat(np.arange(own.sensors), len(regular))[order]
+
+
+def _noise(at: Float64, shape: tuple[int, ...], own: ComparedPairSettings, rng: np.random.Generator) -> Float64:
+    """Return noise of the recording's coordinates: white, or of a Gauss-Markov process [m]."""
+    out = rng.normal(scale=own.noise_m, size=shape)
+    if own.correlation_s:
+        kept = np.exp(-np.diff(at) / own.correlation_s)
+        for k, share in enumerate(kept.tolist(), 1):
+            out[k] = share * out[k - 1] + math.sqrt(1.0 - share**2) * out[k]
+    return np.asarray(out)
+
+
+def _spoil(x: Float64, own: ComparedPairSettings, rng: np.random.Generator) -> None:
+    """Add outliers and gaps to the recording's positions, in place."""
+    wrong = rng.random(x.shape[:3]) < own.outlier_share
+    x[wrong] += rng.normal(scale=0.3, size=(int(wrong.sum()), 3))
+    x[rng.random(x.shape[:3]) < own.gap_share] = np.nan
+    frames = len(x)
+    for k in range(0, x.shape[2], 3):
+        first = int(rng.integers(0, frames))
+        x[first : first + int(0.6 * frames / own.seconds), :, k] = np.nan
 
 
 def _positions(room: object, at_s: Float64) -> Float64:

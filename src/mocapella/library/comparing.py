@@ -60,6 +60,8 @@ def compare(
     people: Mapping[str, str] | None = None,
     joints: Mapping[str, Terms] | Path | str | None = None,
     remove_bias: bool = False,
+    same_clock: bool = False,
+    same_space: bool = False,
 ) -> Comparison:
     """Compare a recording with a reference: time, rate and rigid motion between them, and agreement of joints.
 
@@ -68,10 +70,13 @@ def compare(
     Args:
         recording, reference: files for `mocapella.load`, or its results.
         kind: results to compare, such as ``people``; None for those with most joints in common.
-        people: the reference's individual by the recording's; None to match them by their motion.
+        people: the reference's individual by the recording's; None to match them by their motion, or by their distance
+            if clock and space are the same.
         joints: markers of the reference with weights, by joint of the recording, or a file of them; None for the
             names.
         remove_bias: whether each joint's mean difference is subtracted, such as of a marker beside the joint.
+        same_clock: whether both have one clock, such as a take and its re-tracking; no time is estimated then.
+        same_space: whether both are in the same coordinates; no rigid motion is estimated then.
 
     Raises:
         InputError, SchemaVersionError: a file cannot be read, as in `mocapella.load`.
@@ -81,8 +86,9 @@ def compare(
     sides = [one if isinstance(one, Recording) else load(one) for one in (recording, reference)]
     table = read_joint_map(Path(joints)) if isinstance(joints, Path | str) else joints
     found = compared(
-        _by_kind(sides[0]), _by_kind(sides[1]), kind=kind, people=people, joints=table, remove_bias=remove_bias
-    )
+        _by_kind(sides[0]), _by_kind(sides[1]), kind=kind, people=people, joints=table, remove_bias=remove_bias,
+        same_clock=same_clock, same_space=same_space,
+    )  # fmt: skip
     return Comparison(found, {"recording": sides[0].path.name, "reference": sides[1].path.name})
 
 

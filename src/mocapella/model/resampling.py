@@ -42,7 +42,7 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
 
     Positions, standard deviations and angles are interpolated linearly between the neighbouring known samples, and
     poses on the shortest rotation, unless these are more than ``longest_gap_s`` apart. An interpolated keypoint has the
-    less certain state of the two. A sample at the very time of a frame is taken unchanged.
+    less certain state of the two. A sample at the very time of a frame is taken unchanged. Sensors are unknown then.
 
     Args:
         trajectories: the trajectories, at any times.
@@ -91,7 +91,7 @@ def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: f
     runs = old.runs[np.searchsorted(old.times_s, times, side="right") - 1] if count else old.runs[:0]
     return replace(
         old, times_s=times, runs=runs, positions=positions, states=states, sd=sd, angles=angles, poses=poses,
-        rate_hz=rate,
+        rate_hz=rate, sensors=old.sensors[:0],
     )  # fmt: skip
 
 

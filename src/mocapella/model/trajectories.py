@@ -58,6 +58,9 @@ class Trajectories:
         began_unix_ns: wall clock of time 0, since 1970 [ns].
         labels: participant, placement, scenario and the like by name, of each run by its number.
         notes: sentences for the user about what a file of them lacks.
+        sensors: (frames,) number of the sensor whose frame each result follows, of equal times one of them; empty if
+            unknown.
+        cut_off: whether the file has less than its header says.
     """
 
     kind: str
@@ -76,6 +79,8 @@ class Trajectories:
     began_unix_ns: int = 0
     labels: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    sensors: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    cut_off: bool = False
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -134,6 +139,7 @@ class Trajectories:
             sd=self.sd[frames][:, individuals],
             angles=self.angles[frames][:, individuals] if self.angle_names else self.angles,
             poses=None if self.poses is None else self.poses[frames][:, individuals],
+            sensors=self.sensors[frames] if len(self.sensors) else self.sensors,
         )
 
 
@@ -335,7 +341,7 @@ class TimeAxis:
     """Frames of trajectories.
 
     Attributes:
-        times_s, runs, rate_hz, began_unix_ns: as in `Trajectories`.
+        times_s, runs, rate_hz, began_unix_ns, sensors: as in `Trajectories`.
         first_run: number of the first run.
         frame_of: (scenes,) frame of each scene.
         replaced: (scenes,) whether a later scene with an equal time replaces it, but for its own sensor's views.
@@ -348,14 +354,17 @@ class TimeAxis:
     first_run: int
     rate_hz: float
     began_unix_ns: int
+    sensors: Int64
 
     @staticmethod
-    def of(times: Sequence[tuple[int, int]] | Int64, by_sensor: Mapping[Any, Sequence[int] | Int64]) -> TimeAxis:
+    def of(
+        times: Sequence[tuple[int, int]] | Int64, by_sensor: Mapping[tuple[int, Any], Sequence[int] | Int64]
+    ) -> TimeAxis:
         """Return the frames of scenes, in the order of their times; of equal times, the last scene counts.
 
         Args:
             times: (scenes, 2) run and unix_ns of each scene; at least one.
-            by_sensor: unix_ns of the scenes of each run and sensor.
+            by_sensor: unix_ns of the scenes of each run and sensor, by (run, sensor).
         """
         runs, at_ns = np.asarray(times, dtype=np.int64).T
         order = np.argsort(at_ns, kind="stable")
@@ -367,10 +376,14 @@ class TimeAxis:
         frame_of = np.empty(len(times), dtype=np.int64)
         frame_of[order] = np.cumsum(last) - last
         began = int(at_ns.min())
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(name for _, name in by_sensor))}
+        sensors = np.empty(len(kept), dtype=np.int64)
+        for (_, name), own in by_sensor.items():
+            sensors[np.searchsorted(at_ns[kept], own)] = numbers[name]
         rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := median_step(sensor)) > 0]
         return TimeAxis(
             (at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, replaced, int(runs.min()),
-            max(rates, default=math.nan), began,
+            max(rates, default=math.nan), began, sensors,
         )  # fmt: skip
 
 
@@ -462,7 +475,7 @@ def assembled(kind: str, blocks: Iterable[Block], axis: TimeAxis) -> Trajectorie
     return Trajectories(
         kind, axis.times_s, axis.runs, individuals, keypoints, arrays["positions"], arrays["states"], arrays["sd"],
         bones, angle_names, arrays["angles"] if angle_names else np.empty((0, 0, 0)),
-        arrays["poses"] if kind in _WITH_POSES else None, axis.rate_hz, axis.began_unix_ns,
+        arrays["poses"] if kind in _WITH_POSES else None, axis.rate_hz, axis.began_unix_ns, sensors=axis.sensors,
     )  # fmt: skip
 
 

@@ -72,6 +72,7 @@ def read_c3d(path: Path) -> Trajectories:
         sd=np.where(certain, METRES[unit] * residuals, np.nan).astype(np.float32)[:, None],
         rate_hz=file.rate_hz,
         notes=() if count == file.claimed else (f"its header says {file.claimed} frames, and it has {count}",),
+        cut_off=count < file.claimed,
     )
 
 

@@ -33,6 +33,7 @@ class ExportReport(msgspec.Struct, frozen=True):
             their rows are in the camera space of their first view.
         mirrored: number of rows whose view has left and right swapped, according to the tracking method; they keep
             the sensor's labels.
+        not_tracking: number of scenes with people in another phase, such as *calibrating*, which are left out.
     """
 
     results: int
@@ -40,6 +41,7 @@ class ExportReport(msgspec.Struct, frozen=True):
     rows: int
     without_reference: int
     mirrored: int
+    not_tracking: int = 0
 
 
 def rows_of(
@@ -131,7 +133,7 @@ def export_study_log(
     check(every >= 1, "every", every, "1 or more")
     log = _Counting(reference, every, dict(kinect_ids or {}))
     rows = write_study_log(path, log.rows(scenes, path))
-    return ExportReport(log.results, log.written, rows, log.without_reference, log.mirrored)
+    return ExportReport(log.results, log.written, rows, log.without_reference, log.mirrored, log.not_tracking)
 
 
 class _Counting:
@@ -142,12 +144,13 @@ class _Counting:
         self._reference, self._every = reference, every
         self._sensors: set[str] = set()
         self._arms = False
-        self.results = self.written = self.without_reference = self.mirrored = 0
+        self.results = self.written = self.without_reference = self.mirrored = self.not_tracking = 0
 
     def rows(self, scenes: Iterable[tuple[Setup, Scene, int]], path: Path | str) -> Iterator[StudyRow]:
         for setup, scene, tracker_time_ms in scenes:
             self._arms |= bool(scene.arms)
             if scene.state.phase != Phase.TRACKING or not scene.people:
+                self.not_tracking += bool(scene.people)
                 continue
             self.results += 1
             if (self.results - 1) % self._every:

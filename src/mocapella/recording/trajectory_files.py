@@ -79,7 +79,7 @@ def _take_at(path: Path) -> Path:
 
 
 class FoundTrajectories(NamedTuple):
-    """The trajectories of a file by kind, its faults, a line each, and whether it is a damaged take."""
+    """The trajectories of a file by kind, its faults, a line each, and whether it is damaged or cut off."""
 
     path: Path
     found: Mapping[str, Trajectories]
@@ -91,5 +91,5 @@ def trajectories_in(path: Path, unit: str | None = None) -> FoundTrajectories:
     """Return all trajectories of a take or file; arguments and errors as in `open_trajectories`."""
     file, found = open_trajectories(path, unit)
     if isinstance(found, Trajectories):
-        return FoundTrajectories(file, {found.kind: found}, found.notes, False)
+        return FoundTrajectories(file, {found.kind: found}, found.notes, found.cut_off)
     return FoundTrajectories(file, take_trajectories(found), tuple(found.problems), found.damaged)

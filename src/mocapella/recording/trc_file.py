@@ -62,4 +62,5 @@ def read_trc(path: Path) -> Trajectories:
     return Trajectories(
         "points", times, np.zeros(len(rows), np.int64), (path.stem,), distinct(names), positions, states,
         np.full(known.shape, np.nan, np.float32), rate_hz=rate_hz, notes=tuple(notes),
+        cut_off=len(rows) < claimed,
     )  # fmt: skip
