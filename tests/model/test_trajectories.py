@@ -241,7 +241,8 @@ def test_an_unknown_individual_is_refused_with_the_known_ones() -> None:
 def test_moving_there_and_back_changes_nothing(seed: int) -> None:
     found = trajectories_of([(0, BEGIN, everything())])
     T = exp_twist(np.random.default_rng(seed).normal(size=6))
-    for some in found.values():
+    for single in found.values():
+        some = replace(single, positions=single.positions.astype(np.float64))
         back = some.moved(T).moved(inverse(T))
         np.testing.assert_allclose(back.positions, some.positions, atol=1e-9)
         np.testing.assert_array_equal(back.states, np.where(np.isfinite(some.positions).all(axis=3), some.states, 0))

@@ -118,7 +118,7 @@ def simulated_pair(scene: str, seed: int, settings: ComparedPairSettings | None 
     recording = replace(_made(at, x, tuple(people), joints, own.rate_hz), sensors=sensors)
     if own.itself:
         same = resampled(recording, own.rate_hz).moved(inverse(T))
-        theirs, y, rate = ratio * same.times_s + shift, same.positions, own.rate_hz
+        theirs, y, rate = ratio * same.times_s + shift, same.positions.astype(np.float64), own.rate_hz
     reference = _made(theirs, y[:, order], tuple(f"subject_{k}" for k in range(len(order))), joints, rate)
     if not own.clock:
         ratio, shift = ratio * rate, (shift - theirs[0]) * rate
