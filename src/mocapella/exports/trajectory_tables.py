@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,7 +20,7 @@ from mocapella.model.trajectories import LABELS, Trajectories
 
 COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "keypoint", "state", "x_m", "y_m", "z_m", "sd_m")
 """Columns of a long table."""
-ROWS_AT_ONCE: Final = 512
+ROWS_AT_ONCE: Final = 2048
 """Number of frames that are turned into rows at a time, so that memory stays small."""
 
 
@@ -164,14 +165,19 @@ def columns_as_polars(columns: Columns) -> Any:
         SettingsError: polars is not installed; names the extra.
     """
     polars = needed("polars")
-    frame = polars.DataFrame({name: _series(polars, column) for name, column in columns.items()})
+    frame = polars.DataFrame({name: _series(column) for name, column in columns.items()})
     return frame.with_columns(polars.selectors.float().fill_nan(None))
 
 
-def _series(polars: Any, column: Any) -> Any:
-    if isinstance(column, Texts):
-        return polars.Series(column.names, dtype=polars.Enum(column.names)).gather(column.codes)
-    return column
+def _series(column: Any) -> Any:
+    return _names(column.names).gather(column.codes) if isinstance(column, Texts) else column
+
+
+@lru_cache(maxsize=64)
+def _names(names: tuple[str, ...]) -> Any:
+    """Return texts as a series of the type Enum; parts of a table share it."""
+    polars = needed("polars")
+    return polars.Series(names, dtype=polars.Enum(names))
 
 
 def as_pandas(trajectories: Trajectories) -> Any:
