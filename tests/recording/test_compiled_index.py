@@ -20,7 +20,7 @@ from mocapella.recording.chunk_rows import ChunkRows
 from mocapella.recording.mcap_file import MAGIC
 from mocapella.recording.mcap_scan import MalformedError, MessageRead, read_messages
 from mocapella.recording.take_reader import read_take
-from mocapella.recording.take_refs import FrameTable, RowsRead, SensorNames
+from mocapella.recording.take_refs import PART, SCENE, FrameTable, RowsRead, SensorNames
 from mocapella.recording.take_writer import TakeWriter
 from mocapella.schema import encode_scene
 from mocapella.schema import mocapella_pb2 as pb
@@ -185,7 +185,8 @@ def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pyt
         events = list(scan(file, path.stat().st_size, "a", ChunkRows()))
     topics = {event.topic for event in events if isinstance(event, MessageRead)}
     assert not {topic for topic in topics if topic == take.SCENES or topic.startswith(take.FRAMES)}
-    assert sum(len(event.scenes) for event in events if isinstance(event, RowsRead)) == read_take(path).scene_count
+    rows = np.concatenate([event.rows for event in events if isinstance(event, RowsRead)])
+    assert (rows[:, PART] == SCENE).sum() == read_take(path).scene_count
 
 
 def test_descriptions_that_alternate_take_no_growing_memory() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
-from mocapella.recording.take_refs import LENGTH, LOG_NS, OFFSET, PART, RUN, SENSOR, STEP
+from mocapella.recording.take_refs import FRAME, LENGTH, LOG_NS, OFFSET, PART, RUN, SCENE, SENSOR, STEP
 from mocapella.schema.wire_kernels import DEPTH, FIELDS, read_message
 
 Int8 = NDArray[np.int8]
@@ -17,9 +17,9 @@ UInt8 = NDArray[np.uint8]
 MESSAGE_RECORD, CHANNEL_RECORD = 5, 4
 HEAD_BYTES, MESSAGE_BYTES = 9, 22
 """Size of a record's head, and of a message before its data."""
-UNKNOWN, PLAIN, FRAME, SCENE, UNUSUAL = -1, 0, 1, 2, 3
-"""Kinds of messages: of a channel that was not described, of other topics, and frames and scenes, which are unusual if
-protobuf has to parse them."""
+UNKNOWN, PLAIN, UNUSUAL = -1, 0, 3
+"""Kinds of messages besides frames and scenes: of a channel that was not described, of other topics, and frames and
+scenes that protobuf has to parse."""
 KIND, CHANNEL = PART, RUN
 """Columns of a row that others replace in a table of scenes; the other columns are as in the table."""
 DONE, CHANNEL_NEXT, NEW_SENSOR, FULL, MALFORMED = range(5)

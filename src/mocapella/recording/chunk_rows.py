@@ -12,19 +12,17 @@ from mocapella.recording import take
 from mocapella.recording.chunk_kernels import (
     CHANNEL_NEXT,
     DONE,
-    FRAME,
     FULL,
     KIND,
     LONGEST_NAME,
     MALFORMED,
     NEW_SENSOR,
     PLAIN,
-    SCENE,
     UNKNOWN,
     list_messages,
 )
 from mocapella.recording.mcap_scan import MalformedError, MessageRead, read_channel
-from mocapella.recording.take_refs import FRAME_COLUMNS, LENGTH, LOG_NS, OFFSET, SCENE_COLUMNS, RowsRead
+from mocapella.recording.take_refs import FRAME, LENGTH, OFFSET, SCENE, SCENE_COLUMNS, RowsRead
 from mocapella.schema import mocapella_pb2 as pb
 from mocapella.schema.scenes import part_fields
 from mocapella.schema.wire_kernels import FIELDS
@@ -101,20 +99,14 @@ class ChunkRows:
         begin = 0
         for at in [*np.flatnonzero((rows[:, KIND] != FRAME) & (rows[:, KIND] != SCENE)).tolist(), len(rows)]:
             if at > begin:
-                yield self._together(rows[begin:at], numbers, base)
+                rows[begin:at, OFFSET] += base
+                yield RowsRead(rows[begin:at], self._sensors, numbers)
                 numbers = {}
             if at < len(rows):
                 _, offset, length, log_ns, _, _, _, channel, _, _ = rows[at].view(np.uint64).tolist()
                 content = bytes(data[offset : offset + length])
                 yield MessageRead(topics[channel], 0, log_ns, log_ns, base + offset, content)
             begin = at + 1
-
-    def _together(self, rows: Int64, parts: dict[str, int], base: int) -> RowsRead:
-        frames = rows[:, KIND] == FRAME
-        times = rows[:, LOG_NS].view(np.uint64)
-        rows[:, OFFSET] += base
-        found = rows[frames, :FRAME_COLUMNS], rows[~frames]
-        return RowsRead(*found, self._sensors, int(times.min()), int(times.max()), parts)
 
     def _remember(self, channel: int, description: NDArray[np.uint8]) -> None:
         """Remember a channel's description, so that its repetitions are skipped; forget all if there are many."""

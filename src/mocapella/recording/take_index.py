@@ -22,6 +22,9 @@ from mocapella.recording.ledger import LedgerRow, NodeLedger
 from mocapella.recording.mcap_scan import Damage, End, Event, MessageRead, MetadataRead, scan
 from mocapella.recording.take import Interruption, Run
 from mocapella.recording.take_refs import (
+    FRAME,
+    FRAME_COLUMNS,
+    LOG_NS,
     NODE_ID,
     PART,
     RUN,
@@ -41,6 +44,7 @@ from mocapella.schema.scenes import count_parts
 
 COMPILED_FROM_BYTES: Final = 256 << 20
 """Least size of a file whose messages compiled kernels list; for less, loading them takes longer [bytes]."""
+_CHUNKS_AT_ONCE: Final = 64
 NAMED_AT_MOST: Final = 5
 """Largest number of scenes that the report of scenes without frames names; the others are only counted."""
 
@@ -80,6 +84,7 @@ class TakeIndex:
         self.damaged_parts: set[int] = set()
         self._last_step = -1, 0
         self._by_key: dict[tuple[str, int, int], FrameRef] = {}
+        self._waiting: list[RowsRead] = []
 
     @property
     def seconds(self) -> float:
@@ -115,6 +120,7 @@ class TakeIndex:
                 read_chunk = ChunkRows()
             for event in scan(file, size, str(path), read_chunk):
                 self._add(event, part, path)
+            self._add_waiting(part)
 
     def find_orphans(self) -> None:
         """Add a problem if the take lacks the frames of some scenes; call it after the last file."""
@@ -142,6 +148,12 @@ class TakeIndex:
         return np.flatnonzero(~found).tolist()
 
     def _add(self, event: Event | RowsRead, part: int, path: Path) -> None:
+        if isinstance(event, RowsRead):
+            self._waiting.append(event)
+            if len(self._waiting) == _CHUNKS_AT_ONCE:
+                self._add_waiting(part)
+            return
+        self._add_waiting(part)
         if isinstance(event, MessageRead):
             self._add_message(event, part, path)
         elif isinstance(event, MetadataRead):
@@ -152,10 +164,8 @@ class TakeIndex:
                 f"{path.name}: bytes {event.start} to {event.end}, {self.seconds:.2f} s after the beginning: "
                 f"{event.problem}"
             )
-        elif isinstance(event, End):
-            self._end(event, path)
         else:
-            self._add_rows(event, part)
+            self._end(event, path)
 
     def _damage(self, part: int | None = None) -> None:
         self.clean, self.damaged = False, True
@@ -213,17 +223,25 @@ class TakeIndex:
         self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
         self.last_ns = max(self.last_ns, last_ns)
 
-    def _add_rows(self, found: RowsRead, part: int) -> None:
-        run = self._run_number()
-        numbers = np.array([self._sensors.number(name) for name in found.sensors])
-        for table in (found.frames, found.scenes):
-            table[:, PART], table[:, RUN], table[:, SENSOR] = part, run, numbers[table[:, SENSOR]]
-        self.frames.extend(found.frames[self._put_back(found.frames[:, SENSOR : SEQUENCE + 1].view(np.uint64))])
-        for step in found.scenes[:, STEP].view(np.uint64).tolist():
+    def _add_waiting(self, part: int) -> None:
+        """Add the frames and scenes of the last chunks, which follow each other."""
+        if not self._waiting:
+            return
+        rows, run = np.concatenate([one.rows for one in self._waiting]), self._run_number()
+        numbers = np.array([self._sensors.number(name) for name in self._waiting[-1].sensors])
+        frames = rows[:, PART] == FRAME
+        rows[:, PART], rows[:, RUN], rows[:, SENSOR] = part, run, numbers[rows[:, SENSOR]]
+        found = rows[frames, :FRAME_COLUMNS]
+        self.frames.extend(found[self._put_back(found[:, SENSOR : SEQUENCE + 1].view(np.uint64))])
+        scenes = rows[~frames]
+        for step in scenes[:, STEP].view(np.uint64).tolist():
             self._note_step(run, step)
-        self.scenes.extend(found.scenes)
-        self.parts.update(found.parts)
-        self._note_times(found.first_ns, found.last_ns)
+        self.scenes.extend(scenes)
+        for one in self._waiting:
+            self.parts.update(one.parts)
+        times = rows[:, LOG_NS].view(np.uint64)
+        self._note_times(int(times.min()), int(times.max()))
+        self._waiting = []
 
     def _put_back(self, identities: NDArray[np.uint64]) -> NDArray[np.bool_]:
         """Note frames by sensor, node and number (n, 3); return which (n,) were not noted before."""

@@ -17,6 +17,9 @@ TIME_NS: Final = STEP
 """Last column of a table of frames, which has no step."""
 FRAME_COLUMNS: Final = TIME_NS + 1
 SCENE_COLUMNS: Final = AT_NS + 1
+FRAME: Final = 1
+SCENE: Final = 2
+"""Kinds of rows of `RowsRead`."""
 _AT_ONCE: Final = 4096
 _UNSIGNED: Final = (1 << 64) - 1
 
@@ -78,18 +81,14 @@ class RowsRead(msgspec.Struct, frozen=True):
     """Frames and scenes that follow each other in a chunk.
 
     Attributes:
-        frames, scenes: (n, `FRAME_COLUMNS`) and (n, `SCENE_COLUMNS`) in their order; the numbers of part and run are
-            not set, and sensors are indices of ``sensors``.
-        sensors: names of sensors.
-        first_ns, last_ns: smallest and largest log time.
+        rows: (n, `SCENE_COLUMNS`) in their order, with `FRAME` or `SCENE` as the part and no number of the run; sensors
+            are indices of ``sensors``, and the step of a frame is its capture time.
+        sensors: names of sensors, of which later rows have more.
         parts: number of parts of the scenes by the name of their type.
     """
 
-    frames: Int64
-    scenes: Int64
+    rows: Int64
     sensors: list[str]
-    first_ns: int
-    last_ns: int
     parts: dict[str, int]
 
 
