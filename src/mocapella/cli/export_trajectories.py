@@ -207,7 +207,7 @@ def _trajectories(take: Take, export: Export, wishes: _Wishes) -> dict[str, Traj
     if not found:
         what = "results with a sensor's own skeletons" if wishes.raw else f"results for {export.name}"
         raise SettingsError(f"{take.path.name} has no {what}; `mocapella take info {take.path.name}` shows its content")
-    if export.humanoids and "people" in found:
+    if export.humanoids and "people" in found and not found.keys().isdisjoint({"hands", "arms"}):
         from mocapella.model.humanoid_hands import with_hands
 
         found["people"] = with_hands(found["people"], found)

@@ -20,7 +20,7 @@ from mocapella.model.trajectories import LABELS, Trajectories
 
 COLUMNS: Final = ("time_s", "run", *LABELS, "individual", "keypoint", "state", "x_m", "y_m", "z_m", "sd_m")
 """Columns of a long table."""
-ROWS_AT_ONCE: Final = 2048
+ROWS_AT_ONCE: Final = 1024
 """Number of frames that are turned into rows at a time, so that memory stays small."""
 
 
