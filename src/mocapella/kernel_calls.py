@@ -24,7 +24,7 @@ class KernelCall:
     it is dearer where most are new arrays. Arguments of other types go through the dispatcher, so the result is always
     that of the kernel itself.
 
-    The arguments of the last call stay alive. Threads may share a call: what is known is replaced as one value.
+    The arguments of the last call stay alive. Threads may share a call: the known types are replaced as one value.
 
     Args:
         kernel: a function of `mocapella.compiled.njit`.
@@ -60,7 +60,7 @@ class KernelCall:
 def _kind(value: Any) -> Any:
     """Return what determines the numba type of an argument; of a tuple, its class and its items' kinds.
 
-    It is `_UNKNOWN` for arguments of which the class does not determine the type.
+    It is `_UNKNOWN` if the class does not determine the type.
     """
     cls = type(value)
     if cls is np.ndarray:

@@ -105,7 +105,7 @@ def equations(
     Args:
         sides: both sides.
         state: where the equations are made.
-        free: (8,) what is estimated.
+        free: (8,) whether each parameter is estimated.
         scales: (joints,) the scales of the round before; None in the first one [m].
         least_m: least scale; large while the time may be wrong, or what moves would be left out as outliers [m].
     """

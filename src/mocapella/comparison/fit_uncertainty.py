@@ -17,7 +17,7 @@ Float64 = NDArray[np.float64]
 
 
 class Deviations(NamedTuple):
-    """Deviations of each sensor's results from those of all.
+    """Deviations of each sensor's results from all sensors' results.
 
     Attributes:
         shares: each sensor's share of the results.

@@ -111,11 +111,11 @@ def smooth_paths(times_s: Float64, positions: Float64, width_s: float) -> Smooth
 
 @dataclass(frozen=True, eq=False)
 class SensorPaths:
-    """Smoothed paths from the results of one sensor, beside those of all.
+    """Smoothed paths from the results of one sensor, beside the paths of all sensors.
 
     Attributes:
         share: the sensor's share of the results.
-        own, whole: the paths by its results, and by those of all sensors, smoothed alike.
+        own, whole: the paths by its results, and by the results of all sensors, smoothed alike.
     """
 
     share: float
@@ -123,7 +123,7 @@ class SensorPaths:
     whole: SmoothPaths
 
     def deviations(self, times_s: Float64) -> Float64:
-        """Return the sensor's positions minus those of all (times, joints, 3) [m]; NaN where unknown."""
+        """Return the sensor's positions minus all sensors' (times, joints, 3) [m]; NaN where unknown."""
         return np.asarray(self.own.at(times_s)[0] - self.whole.at(times_s)[0])
 
 

@@ -25,7 +25,7 @@ def turns(parents: Int64, order: Int64, R: Float64, last: Float64, out: Float64)
         parents: (joints,) index of each joint's parent; −1 for the root.
         order: (joints,) the joints in the order of ``last`` and ``out``.
         R: (frames, joints, 3, 3) rotations of the joints in the world.
-        last: (joints, 3) angles before the first frame, then those of the last one, updated [°].
+        last: (joints, 3) angles before the first frame, updated to the last frame's [°].
         out: (frames, 3 · joints) written [°].
     """
     L, angles = np.empty((3, 3)), np.empty(3)

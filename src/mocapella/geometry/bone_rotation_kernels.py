@@ -15,7 +15,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 _OPPOSITE = -1.0 + 1e-9
-"""Cosine of the angle from which on directions count as opposite."""
+"""Cosine of the least angle between opposite directions."""
 _TINY = 1e-9
 
 
