@@ -24,7 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "kernel_dispatcher": set(),
     "kernel_cache": {"kernel_dispatcher"},
     "compiled": {"kernel_cache", "kernel_dispatcher"},
-    "kernel_calls": set(),
+    "kernel_calls": {"compiled"},
     "conventions": set(),
     "decoding": {"errors"},
     "settings": {"errors", "decoding", "conventions"},

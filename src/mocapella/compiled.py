@@ -1,15 +1,24 @@
 """numba's ``njit`` for all kernels: IEEE arithmetic, a disk cache keyed by all sources, and a notice of compilation."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from numba import typeof
 from numba.core import config, event
 
 from mocapella.kernel_cache import NotCompiledError, keep_on_disk, keeps_kernels, only_compiled
 from mocapella.kernel_dispatcher import KernelDispatcher
 
-__all__ = ["NotCompiledError", "keeps_kernels", "njit", "on_compilation", "on_first_compilation", "only_compiled"]
+__all__ = [
+    "NotCompiledError",
+    "entry_point",
+    "keeps_kernels",
+    "njit",
+    "on_compilation",
+    "on_first_compilation",
+    "only_compiled",
+]
 
 
 @contextmanager
@@ -53,6 +62,20 @@ def on_first_compilation(tell: Callable[[], None]) -> Iterator[None]:
 
     with event.install_listener("numba:compile", First()):
         yield
+
+
+def entry_point(kernel: Any, arguments: Sequence[Any]) -> Callable[..., Any] | None:
+    """Return the compiled function that a kernel calls for arguments of these types, which it checks no more.
+
+    Args:
+        kernel: a function of `njit`.
+        arguments: its arguments.
+
+    Returns:
+        The function; None if none is compiled for these types, or with ``NUMBA_DISABLE_JIT``.
+    """
+    found = getattr(kernel, "overloads", {}).get(tuple(map(typeof, arguments)))
+    return None if found is None else found.entry_point
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:

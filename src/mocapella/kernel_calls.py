@@ -47,13 +47,12 @@ class KernelCall:
 
     def _resolve(self, arguments: tuple[Any, ...]) -> Any:
         """Call the kernel by its dispatcher, and remember the entry point for arguments of these types."""
-        from numba import typeof
+        from mocapella.compiled import entry_point
 
         result = self._kernel(*arguments)
         kinds = tuple(map(_kind, arguments))
-        overloads = getattr(self._kernel, "overloads", None)  # none with NUMBA_DISABLE_JIT
-        if overloads and _UNKNOWN not in kinds and (compiled := overloads.get(tuple(map(typeof, arguments)))):
-            self._known = arguments, kinds, compiled.entry_point
+        if _UNKNOWN not in kinds and (entry := entry_point(self._kernel, arguments)):
+            self._known = arguments, kinds, entry
         return result
 
 

@@ -109,6 +109,7 @@ def test_tables_fit_into_the_terminal(
     assert "for want of width" not in text[200]
 
 
+@pytest.mark.slow
 def test_a_file_that_is_cut_off_is_compared_with_a_status_of_its_own(files: Path) -> None:
     write_c3d(motion(100.0, 0.5), files / "whole.c3d")
     data = (files / "whole.c3d").read_bytes()

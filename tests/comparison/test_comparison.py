@@ -118,6 +118,7 @@ def of_two_sensors(seed: int, lag_s: float, bias_m: float = 0.0) -> Trajectories
     return made(at, x + bias_m * rng.normal(size=(2, 1, 8, 3))[sensors], sensors=sensors)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(st.integers(0, 10_000))
 def test_lags_of_the_sensors_count_in_the_uncertainty(seed: int) -> None:

@@ -122,6 +122,21 @@ def test_unknown_joints_keep_their_place_and_are_counted(tmp_path: Path) -> None
     assert notes[1] == f"{motion.held.mean():.0%} of the joints are unknown and keep their last position"
 
 
+def test_errors_do_not_depend_on_the_rotations_that_were_asked_for() -> None:
+    own = rigid_walk(3)
+    noise = np.random.default_rng(3).normal(scale=0.02, size=own.positions[:, 0].shape)
+    stretched = trajectories(own.positions[:, 0] + noise)
+    skeleton = skeleton_of(stretched)
+    whole, partly = (rigid_motion(stretched, skeleton) for _ in range(2))
+    partly.rotations(slice(3, 9))
+    partly.rotations(slice(5, 7))
+    placed = posed(skeleton.parents, skeleton.offsets, whole.root, whole.R)
+    wanted = np.linalg.norm(placed - stretched.positions[:, 0, list(skeleton.keypoints)], axis=2)
+    assert wanted.max() > 0.01
+    for motion in (partly, whole):
+        np.testing.assert_allclose(motion.error_m, wanted, atol=1e-6)
+
+
 def test_the_rest_pose_is_a_t(tmp_path: Path) -> None:
     write_bvh(rigid_walk(1), tmp_path / "a.bvh")
     offsets = {joint.name: np.array(joint.offset) for joint in read_bvh(tmp_path / "a.bvh").joints}

@@ -52,6 +52,7 @@ class HumanoidMotion(SkeletonMotion):
         observed: (frames, joints) whether it is; where not, it is zero or fades to it.
         joints: (67, 3) `JOINTS` at rest, the root's at 0 [m].
         turns: (frames, joints, 3, 3) the rotations.
+        distances_m: (frames, joints) as `error_m`.
     """
 
     humanoid: str
@@ -60,10 +61,16 @@ class HumanoidMotion(SkeletonMotion):
     observed: Bools
     joints: Float64
     turns: Float64
+    distances_m: Float64
 
     def rotations(self, frames: slice) -> Float64:
         """Return the rotations (frames, joints, 3, 3) of the bones in some frames."""
         return self.turns[frames]
+
+    @property
+    def error_m(self) -> Float64:
+        """(frames, joints) distance of the joints from the measured ones, whose bones change; NaN where held [m]."""
+        return self.distances_m
 
 
 def humanoid_motion(trajectories: Trajectories, humanoid: str) -> HumanoidMotion:
@@ -193,8 +200,9 @@ class _Solver:
         error = np.where(known, np.linalg.norm(placed - begins, axis=2), np.nan)
         unobserved = np.zeros(len(R), np.bool_)
         return HumanoidMotion(
-            skeleton, root, held, error, humanoid, parts, np.array([part in self.observed for part in parts]),
-            np.stack([self.observed.get(part, unobserved) for part in parts], axis=1), self._at_rest(skeleton, size), R,
+            skeleton, root, held, humanoid, parts, np.array([part in self.observed for part in parts]),
+            np.stack([self.observed.get(part, unobserved) for part in parts], axis=1), self._at_rest(skeleton, size),
+            R, error,
         )  # fmt: skip
 
     def _beginning(self, bone: HumanoidBone) -> Float64:

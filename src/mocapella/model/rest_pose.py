@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 import numpy as np
@@ -61,14 +61,11 @@ class SkeletonMotion(ABC):
         skeleton: the skeleton.
         root: (frames, 3) position of the root in the world [m].
         held: (frames, joints) whether a joint is unknown and keeps the position relative to its parent.
-        error_m: (frames, joints) distance of the joints from the measured ones, because measured bones change their
-            lengths; NaN where held [m].
     """
 
     skeleton: RigidSkeleton
     root: Floats
     held: NDArray[np.bool_]
-    error_m: Floats
 
     @abstractmethod
     def rotations(self, frames: slice) -> Float64:
@@ -79,20 +76,46 @@ class SkeletonMotion(ABC):
         """(frames, joints, 3, 3) all rotations."""
         return self.rotations(slice(None))
 
+    @property
+    @abstractmethod
+    def error_m(self) -> Floats:
+        """(frames, joints) distance of the joints from the measured ones, whose bones change; NaN where held [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion(SkeletonMotion):
-    """Poses of a rigid skeleton that follows measured joints.
+    """Poses of a rigid skeleton that follows measured joints; rotations are made when they are asked for.
 
     Attributes:
         joints: (frames, joints, 3) measured positions, without gaps [m].
     """
 
     joints: Floats
+    _error_m: NDArray[np.float32] = field(init=False)
+    _is_known: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_error_m", np.full(self.held.shape, np.nan, np.float32))
+        object.__setattr__(self, "_is_known", np.zeros(len(self.held), np.bool_))
 
     def rotations(self, frames: slice) -> Float64:
         """Return the rotations (frames, joints, 3, 3) of the joints in some frames; see `joint_rotations`."""
-        return joint_rotations(self.skeleton.parents, self.skeleton.offsets, self.joints[frames])
+        parents, offsets, joints = self.skeleton.parents, self.skeleton.offsets, self.joints[frames]
+        R = joint_rotations(parents, offsets, joints)
+        if not self._is_known[frames].all():  # so the error takes no second time
+            distance = np.linalg.norm(posed(parents, offsets, joints[:, 0], R) - joints, axis=2)
+            self._error_m[frames] = np.where(self.held[frames], np.nan, distance)
+            self._is_known[frames] = True
+        return R
+
+    @property
+    def error_m(self) -> NDArray[np.float32]:
+        """(frames, joints) distance of the joints from the measured ones, whose bones change; NaN where held [m]."""
+        for begin in range(0, len(self.joints), FRAMES_AT_ONCE):
+            some = slice(begin, begin + FRAMES_AT_ONCE)
+            if not self._is_known[some].all():
+                self.rotations(some)
+        return self._error_m
 
 
 def skeleton_of(trajectories: Trajectories) -> RigidSkeleton:
@@ -186,13 +209,7 @@ def rigid_motion(trajectories: Trajectories, skeleton: RigidSkeleton) -> RigidMo
             relative = joints[:, joint] - joints[:, parent]
             held = held_rows(relative, both)[lost] if both.any() else skeleton.offsets[joint]
             joints[lost, joint] = joints[lost, parent] + held
-    error = np.full(known.shape, np.nan, np.float32)
-    for begin in range(0, len(joints), FRAMES_AT_ONCE):
-        some = slice(begin, begin + FRAMES_AT_ONCE)
-        R = joint_rotations(skeleton.parents, skeleton.offsets, joints[some])
-        placed = posed(skeleton.parents, skeleton.offsets, joints[some, 0], R)
-        error[some] = np.where(known[some], np.linalg.norm(placed - joints[some], axis=2), np.nan)
-    return RigidMotion(skeleton, joints[:, 0], ~known, error, joints)
+    return RigidMotion(skeleton, joints[:, 0], ~known, joints)
 
 
 def held_rows(values: NDArray[_Float], known: NDArray[np.bool_]) -> NDArray[_Float]:
