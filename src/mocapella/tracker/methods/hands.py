@@ -36,6 +36,7 @@ _RIG: Final = CameraRig(
         for name, x in _AT.items()
     }
 )
+_SETTINGS: Final = HandsSettings(base=("wrist", "index", "little"))
 
 
 def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[str, SensorPose]) -> Tracker:
@@ -53,12 +54,15 @@ def _make(settings: Mapping[str, Any], sensors_expected: int, sensors: Mapping[s
 
 
 def _practice() -> tuple[Tracker, Iterable[Arrival]]:
-    return HandsTracker(_RIG), _hand()
+    return HandsTracker(_RIG, _SETTINGS), _hand()
 
 
 def _hand() -> Iterator[Arrival]:
-    """Yield frames of a hand that opens and closes before three cameras; one and then all of them lose it."""
-    settings = HandsSettings()
+    """Yield frames of a hand that opens and closes before three cameras; one and then all of them lose it.
+
+    It is found by three markers of its base, which calls more kernels than one does, and then followed by one.
+    """
+    settings = _SETTINGS
     model = hand_model(settings.constraints)
     shape = model.shape("right")
     chain, base = hand_chain(model, shape), base_layout(shape, len(settings.base))
@@ -69,6 +73,8 @@ def _hand() -> Iterator[Arrival]:
         for i, (name, camera) in enumerate(_RIG.cameras.items()):
             px = project(apply(camera.T_camera_world, markers), _LENS)
             px[(i == 0) & (0.5 < t < 0.7) | (1.2 < t < 1.4)] = np.nan
+            if t > 0.8:
+                px[len(TIPS) + 1 :] = np.nan
             at_ns = round(1e9 * (t + 0.003 * i)) + 1
             frame = marker_frame(name, settings.markers, time_ns=at_ns, size_px=_SIZE, positions_px=px, sequence=k)
             yield Arrival(frame, at_ns)
