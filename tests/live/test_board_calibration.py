@@ -30,7 +30,8 @@ class Room:
     """A server with its view, and the nodes of two cameras that show pictures again and again."""
 
     def __init__(self, folder: Path, pictures: Pictures) -> None:
-        warm_up("hands")
+        for method in ("default", "hands"):  # the server begins with the first, and calibrates once it is compiled
+            warm_up(method)
         self.folder, self.pictures = folder, pictures
         self.port, self.page_port = free_port(), free_port()
         self.address = f"tcp/127.0.0.1:{self.port}"
