@@ -76,7 +76,7 @@ from mocapella.kernel_dispatcher import KernelDispatcher
 from mocapella.tracker import warm_up
 
 warm_up(sys.argv[1])
-found, open_ = set(), [one for one in gc.get_objects() if isinstance(one, KernelDispatcher) and one.overloads]
+found, open_ = set(), [one for one in gc.get_objects() if issubclass(type(one), KernelDispatcher) and one.overloads]
 while open_:
     kernel = open_.pop()
     if kernel not in found:
