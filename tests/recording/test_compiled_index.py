@@ -189,6 +189,19 @@ def test_a_usual_take_is_indexed_by_the_kernels(tmp_path: Path, monkeypatch: pyt
     assert (rows[:, PART] == SCENE).sum() == read_take(path).scene_count
 
 
+def test_rows_that_wait_are_added_before_there_are_too_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(take_index, "_CHUNKS_AT_ONCE", 1)
+    check(small_take(tmp_path / "a.mcap", count=8))
+
+
+def test_a_table_grows() -> None:
+    table = FrameTable(SensorNames())
+    blocks = np.arange(9 * 10_000, dtype=np.int64).reshape(4, 2500, 9)
+    for block in blocks:
+        table.extend(block)
+    np.testing.assert_array_equal(table.array, blocks.reshape(-1, 9))
+
+
 def test_descriptions_that_alternate_take_no_growing_memory() -> None:
     reader = ChunkRows()
     for k in range(40):

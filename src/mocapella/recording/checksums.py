@@ -22,8 +22,6 @@ def joined_crc(first: int, second: int, length: int) -> int:
         length: size of the second part, below 2^40 [bytes].
     """
     for shift in _shifts():
-        if not length:
-            break
         if length & 1:
             a, b, c, d = shift
             first = a[first & 255] ^ b[first >> 8 & 255] ^ c[first >> 16 & 255] ^ d[first >> 24]
