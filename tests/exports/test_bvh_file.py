@@ -179,6 +179,12 @@ def test_numbers_without_a_decimal_of_full_precision_are_refused(value: float) -
     assert bvh_kernels.write_decimals(np.array([[1.0, value]]), 6, np.empty(40, np.uint8)) == -1
 
 
+def test_a_place_too_far_for_the_format_is_refused(tmp_path: Path) -> None:
+    own = rigid_walk(1)
+    with pytest.raises(SettingsError, match="too large for a BVH"):
+        write_bvh(trajectories(own.positions[:, 0] + 1e8), tmp_path / "a.bvh")
+
+
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_turns_give_the_local_rotations_and_do_not_jump(seed: int, at_a_right_angle: bool) -> None:

@@ -92,20 +92,20 @@ class RigidMotion(SkeletonMotion):
 
     joints: Floats
     _error_m: NDArray[np.float32] = field(init=False)
-    _is_known: NDArray[np.bool_] = field(init=False)
+    _is_noted: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_error_m", np.full(self.held.shape, np.nan, np.float32))
-        object.__setattr__(self, "_is_known", np.zeros(len(self.held), np.bool_))
+        object.__setattr__(self, "_is_noted", np.zeros(len(self.held), np.bool_))
 
     def rotations(self, frames: slice) -> Float64:
         """Return the rotations (frames, joints, 3, 3) of the joints in some frames; see `joint_rotations`."""
         parents, offsets, joints = self.skeleton.parents, self.skeleton.offsets, self.joints[frames]
         R = joint_rotations(parents, offsets, joints)
-        if not self._is_known[frames].all():  # so the error takes no second time
+        if not self._is_noted[frames].all():  # errors cost little here, and all rotations later
             distance = np.linalg.norm(posed(parents, offsets, joints[:, 0], R) - joints, axis=2)
             self._error_m[frames] = np.where(self.held[frames], np.nan, distance)
-            self._is_known[frames] = True
+            self._is_noted[frames] = True
         return R
 
     @property
@@ -113,7 +113,7 @@ class RigidMotion(SkeletonMotion):
         """(frames, joints) distance of the joints from the measured ones, whose bones change; NaN where held [m]."""
         for begin in range(0, len(self.joints), FRAMES_AT_ONCE):
             some = slice(begin, begin + FRAMES_AT_ONCE)
-            if not self._is_known[some].all():
+            if not self._is_noted[some].all():
                 self.rotations(some)
         return self._error_m
 

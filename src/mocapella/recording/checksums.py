@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import zlib
 from functools import cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-_BITS_OF_LENGTHS = 40
+_BITS_OF_LENGTHS: Final = 40
 
 
 def joined_crc(first: int, second: int, length: int) -> int:
