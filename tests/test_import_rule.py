@@ -43,7 +43,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "exports": MODEL | {"schema", "supervision", "comparison"},
     "viewer": MODEL,
     "evaluation": TRACKER | DETECTORS | {"recording", "sources", "comparison"},
-    "studies": TRACKER | {"recording", "schema"},
+    "studies": TRACKER | DETECTORS | {"recording", "schema", "sources", "exports", "evaluation", "comparison"},
     "live": TRACKER | DETECTORS | EDGES | LIVE,
     "cli": TRACKER
     | DETECTORS
