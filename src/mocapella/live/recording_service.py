@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,7 @@ class RecordingService:
         self._reserve_bytes = reserve_bytes
         self._hurry = hurry or threading.Event()
         self._between_steps = between_steps or nullcontext()
+        self._tracker = session.trackers  # of the present run
         self._health: Callable[[], RecordingHealth] = RecordingHealth
         self._changing = threading.Lock()
         self._record_path: RecordPath | None = None
@@ -131,6 +133,7 @@ class RecordingService:
         writer = create(path, info=self._info(), reserve_bytes=self._reserve_bytes)
         self._closed.forget(writer.take_id)
         recorder = Recorder(writer, self._say, first)
+        self._tracker = self._session.trackers
         self._command(recorder, "restore", memory)
         if not self._session.running:
             self._command(recorder, "stop", {})
@@ -157,8 +160,9 @@ class RecordingService:
     def record_command(self, verb: str, arguments: Mapping[str, Any], by: str = "") -> None:
         """Record a command that was carried out, for the replay; without a take, do nothing.
 
-        The replay carries it out before the session's next step. After ``start``, ``setup`` or ``use-rig``, which make
-        a new tracker, a new run of the take begins instead.
+        The replay carries it out before the session's next step. After ``start``, ``setup`` or ``use-rig`` a new run of
+        the take begins instead, because they make a new tracker or change the labels. If the tracker goes on, the run
+        begins with its snapshot.
 
         Args:
             verb: name of the command.
@@ -171,7 +175,11 @@ class RecordingService:
         if verb not in ("start", "setup", "use-rig"):
             self._command(recorder, verb, arguments, by)
             return
-        recorder.run(self._info())  # they make a new tracker
+        continues = self._session.trackers == self._tracker
+        self._tracker = self._session.trackers
+        recorder.run(replace(self._info(), continues=continues))
+        if continues:
+            self._command(recorder, "restore", self._session.memory())
         if not self._session.running:
             self._command(recorder, "stop", {})
 

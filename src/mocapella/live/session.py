@@ -59,6 +59,7 @@ class Session:
         names: people's names by id. A new tracker assigns new ids, and starts without names.
         state: phase of the tracker, with the reason and progress.
         problem: why the tracker could not use the last frame; empty if it could.
+        trackers: number of trackers made so far. Other labels of the setup make no new one.
 
     Raises:
         SettingsError: the setup or the method's settings are invalid.
@@ -80,6 +81,7 @@ class Session:
         self.next_step = 0
         self.names: dict[int, str] = {}
         self.problem = ""
+        self.trackers = 0
         self._waiting_for = waiting_for
         self._tracker = self._make_tracker(setup, self.method_settings)
         self.state = (
@@ -202,7 +204,11 @@ class Session:
         return "recalibrating"
 
     def _set_up(self, arguments: Mapping[str, Any]) -> str:
-        self._begin_anew(parse(Setup, arguments, where="setup"))
+        setup = parse(Setup, arguments, where="setup")
+        if setup.labelled_as(self.setup) == self.setup:
+            self.setup = setup
+            return f"labelled: {setup.labels_in_words()}"
+        self._begin_anew(setup)
         return f"set up {self.setup.method}"
 
     def _use_rig(self, arguments: Mapping[str, Any]) -> str:
@@ -257,6 +263,7 @@ class Session:
         return scene.with_parts(people=tuple(people))
 
     def _make_tracker(self, setup: Setup, settings: Mapping[str, Any]) -> Tracker:
+        self.trackers += 1
         tracker = make_tracker(
             setup.method,
             sensors_expected=setup.sensors_expected,

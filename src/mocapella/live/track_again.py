@@ -1,7 +1,8 @@
 """Track the raw frames of a recording again, with another method, other settings or another calibration.
 
-Every run begins with a new tracker, so results do not depend on what the recorded tracker had remembered. It starts
-from the sensor poses that the recorded one knew at the run's beginning, if its method keeps poses. All frames are
+Every recorded tracker's first run begins with a new tracker, so results do not depend on what the recorded one had
+remembered. It starts from the sensor poses that the recorded one knew then, if its method keeps poses. A run of the
+same tracker with other labels goes on with it. All frames are
 tracked, also frames that the recorded tracker skipped, or received while it was stopped. docs/decisions/0057 says why.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from mocapella.calibration.sensor_layout import SensorLayout
@@ -176,7 +177,7 @@ class TrackedAgain:
 def track_runs(
     runs: Sequence[RunToTrack], on_scene: Callable[[int, Scene], None], take: NewTake | None = None
 ) -> TrackedAgain:
-    """Track runs, one after the other, each with a new tracker; write them to a take.
+    """Track runs, one after the other, with a new tracker where the recorded one was new; write them to a take.
 
     Args:
         runs: the runs.
@@ -189,11 +190,16 @@ def track_runs(
     """
     found = TrackedAgain()
     sessions = [_session(run) for run in runs]  # an invalid setting of any run is refused before the first is tracked
-    for number, (run, session) in enumerate(zip(runs, sessions, strict=True)):
+    for number, run in enumerate(runs):
+        session = sessions[number]
+        if number and run.info.continues:
+            session = sessions[number] = sessions[number - 1]
+            session.carry_out("setup", asdict(session.setup.labelled_as(run.info.setup)))
+        before = Counter(session.unusable)
         tracking = _Tracking(run, session, lambda scene, number=number: on_scene(number, scene), take)  # type: ignore[misc]
         replay(tracking.session, tracking.events(), tracking.scene, found.summary, found.problems.append)
         found.last = tracking.session.state
-        found.unusable.update(tracking.session.unusable)
+        found.unusable += Counter(session.unusable) - before
     return found
 
 
@@ -218,8 +224,8 @@ class _Tracking:
         self._scene: Scene | None = None
         if take is not None:
             take.run(run.info)
-            if self.session.layout is not None:
-                take.command("restore", self.session.memory(), self._log_ns, 0)
+            if self.session.layout is not None or run.info.continues:
+                take.command("restore", self.session.memory(), self._log_ns, self.session.next_step)
 
     def events(self) -> Iterator[Arrival | Command]:
         """Yield the session's inputs, and write each before it takes effect."""

@@ -5,12 +5,13 @@ These values are sent as JSON on the bus and stored in a take, which so document
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.model.limits import MOST_SENSORS, PARTICIPANT, SENSOR_HEIGHT, SENSORS_EXPECTED, TILT
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.scene import Phase
+from mocapella.model.study_status import StudyStatus
 from mocapella.settings import check
 
 PLACEMENTS: dict[str, int] = {"parallel": 0, "right-45": 1, "right-90": 2, "left-45": 3, "left-90": 4}
@@ -108,6 +109,15 @@ class Setup:
         placements, scenarios = ["", *PLACEMENTS], ["", *SCENARIOS]
         check(self.placement in placements, "placement", self.placement, "one of " + ", ".join(PLACEMENTS))
         check(self.scenario in scenarios, "scenario", self.scenario, "one of " + ", ".join(SCENARIOS))
+
+    def labelled_as(self, other: Setup) -> Setup:
+        """Return this setup with the labels of another: participant, placement and scenario."""
+        return replace(self, participant=other.participant, placement=other.placement, scenario=other.scenario)
+
+    def labels_in_words(self) -> str:
+        """Return the labels, such as ``participant 7, right-90, walk``; ``no labels`` without any."""
+        who = "" if self.participant == NOT_AVAILABLE else f"participant {self.participant}"
+        return ", ".join(filter(None, (who, self.placement, self.scenario))) or "no labels"
 
 
 @dataclass(frozen=True)
@@ -313,6 +323,7 @@ class SessionStatus:
         uptime: time since the server started [s].
         version: Mocapella's version.
         health: state of the server itself.
+        study: the study that the session runs; None if it runs none.
     """
 
     revision: int
@@ -334,6 +345,7 @@ class SessionStatus:
     counts: dict[str, int] = field(default_factory=dict)
     people_conditions: tuple[PersonCondition, ...] = ()
     health: ServerHealth = field(default_factory=ServerHealth)
+    study: StudyStatus | None = None
 
     @property
     def getting_ready(self) -> bool:

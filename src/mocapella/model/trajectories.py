@@ -290,7 +290,11 @@ def _stacked(values: Sequence[Any], *shape: int) -> Any:
 
 
 def trajectories_of(
-    scenes: Iterable[tuple[int, int, Scene]], kinds: Sequence[str] = tuple(PARTS), *, sensor: str | None = None
+    scenes: Iterable[tuple[int, int, Scene]],
+    kinds: Sequence[str] = tuple(PARTS),
+    *,
+    sensor: str | None = None,
+    trackers: Mapping[int, int] | None = None,
 ) -> dict[str, Trajectories]:
     """Return the trajectories of a sequence of scenes, by kind; a kind without any part is left out.
 
@@ -303,6 +307,7 @@ def trajectories_of(
         kinds: kinds to collect, of `PARTS`, and `VIEWS`.
         sensor: name of the sensor whose camera space the trajectories are in, unknown while its pose is; None for the
             world.
+        trackers: as in `TimeAxis`.
 
     Raises:
         SettingsError: no scene has a pose of the sensor; lists the known sensors.
@@ -322,7 +327,7 @@ def trajectories_of(
                 rows.setdefault((run, name, row.layout), []).append((number, row))
     if not times:
         return {}
-    axis = TimeAxis.of(times, by_sensor)
+    axis = TimeAxis.of(times, by_sensor, trackers)
     made = {kind: assembled(kind, _blocks(rows), axis) for kind, rows in collected.items()}
     found = {kind: some for kind, some in made.items() if some is not None}
     if sensor is None:
@@ -345,6 +350,7 @@ class TimeAxis:
         first_run: number of the first run.
         frame_of: (scenes,) frame of each scene.
         replaced: (scenes,) whether a later scene with an equal time replaces it, but for its own sensor's views.
+        trackers: number of the first run of a run's tracker, for runs that are not the first of theirs.
     """
 
     times_s: Float64
@@ -355,16 +361,20 @@ class TimeAxis:
     rate_hz: float
     began_unix_ns: int
     sensors: Int64
+    trackers: Mapping[int, int]
 
     @staticmethod
     def of(
-        times: Sequence[tuple[int, int]] | Int64, by_sensor: Mapping[tuple[int, Any], Sequence[int] | Int64]
+        times: Sequence[tuple[int, int]] | Int64,
+        by_sensor: Mapping[tuple[int, Any], Sequence[int] | Int64],
+        trackers: Mapping[int, int] | None = None,
     ) -> TimeAxis:
         """Return the frames of scenes, in the order of their times; of equal times, the last scene counts.
 
         Args:
             times: (scenes, 2) run and unix_ns of each scene; at least one.
             by_sensor: unix_ns of the scenes of each run and sensor, by (run, sensor).
+            trackers: see the attribute; None if each run has a tracker of its own.
         """
         runs, at_ns = np.asarray(times, dtype=np.int64).T
         order = np.argsort(at_ns, kind="stable")
@@ -383,7 +393,7 @@ class TimeAxis:
         rates = [NS_PER_S / median for sensor in by_sensor.values() if (median := median_step(sensor)) > 0]
         return TimeAxis(
             (at_ns[kept] - began) / NS_PER_S, runs[kept], frame_of, replaced, int(runs.min()),
-            max(rates, default=math.nan), began, sensors,
+            max(rates, default=math.nan), began, sensors, trackers or {},
         )  # fmt: skip
 
 
@@ -448,8 +458,9 @@ def assembled(kind: str, blocks: Iterable[Block], axis: TimeAxis) -> Trajectorie
     by_layout: dict[_Layout, _Dense] = {}
     names: dict[tuple[int, str], str] = {}
     for block in blocks:
-        numbered = block.run > axis.first_run and _NUMBERED.fullmatch(block.name)
-        name = names[block.run, block.name] = f"run{block.run}_{block.name}" if numbered else block.name
+        tracker = axis.trackers.get(block.run, block.run)
+        numbered = tracker > axis.first_run and _NUMBERED.fullmatch(block.name)
+        name = names[block.run, block.name] = f"run{tracker}_{block.name}" if numbered else block.name
         if block.layout not in by_layout:
             by_layout[block.layout] = _Dense(len(axis.times_s), block.layout)
         dense = by_layout[block.layout]

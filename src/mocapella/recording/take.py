@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import secrets
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -52,6 +53,7 @@ class TakeInfo:
             heat``; empty in older takes.
         take_id: random identity of the take, the same in all its runs and parts; empty in older takes.
         origin: recording whose raw frames were tracked again; None if the take was recorded live.
+        continues: whether the tracker of the run before goes on, with other labels: ids of people mean the same.
     """
 
     setup: Setup
@@ -63,6 +65,7 @@ class TakeInfo:
     packages: dict[str, str] = field(default_factory=dict)
     take_id: str = ""
     origin: TakeOrigin | None = None
+    continues: bool = False
 
     @property
     def method(self) -> str:
@@ -72,7 +75,9 @@ class TakeInfo:
 
 @dataclass(frozen=True)
 class Run:
-    """The section of a take that one tracker made; its scenes have rising step numbers. A new tracker is a new run.
+    """The section of a take that one tracker made with the same labels; its scenes have rising step numbers.
+
+    A new tracker is a new run, and so are other labels.
 
     Attributes:
         number: number of the run in the take, from 0.
@@ -83,6 +88,16 @@ class Run:
     number: int
     part: int
     info: TakeInfo
+
+
+def trackers_of(runs: Iterable[Run]) -> dict[int, int]:
+    """Return for each run, by its number, the number of the first run of its tracker (`TakeInfo.continues`)."""
+    found: dict[int, int] = {}
+    tracker = 0
+    for run in runs:
+        tracker = tracker if run.info.continues and found else run.number
+        found[run.number] = tracker
+    return found
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from mocapella.errors import WireError
 from mocapella.model.scene import Scene
 from mocapella.model.session import Setup
 from mocapella.model.trajectories import PARTS, VIEWS, TimeAxis, Trajectories, assembled, trajectories_of
+from mocapella.recording.take import trackers_of
 from mocapella.recording.take_reader import Take
 from mocapella.recording.take_refs import AT_NS, RUN, SENSOR
 
@@ -64,7 +65,7 @@ def take_trajectories(
     labels = labels_of(take)
     found = _people_alone(take, kinds) if sensor is None else None
     if found is None:
-        found = trajectories_of(timed_scenes(take), kinds, sensor=sensor)
+        found = trajectories_of(timed_scenes(take), kinds, sensor=sensor, trackers=trackers_of(take.runs))
     return {kind: replace(some, labels=labels) for kind, some in found.items()}
 
 
@@ -93,7 +94,7 @@ def _people_alone(take: Take, kinds: Sequence[str]) -> dict[str, Trajectories] |
         for block in people_blocks(run, numbers, data, begins, lengths)
     )
     try:
-        people = assembled("people", blocks, TimeAxis.of(times, by_sensor))
+        people = assembled("people", blocks, TimeAxis.of(times, by_sensor, trackers_of(take.runs)))
     except WireError:  # the other way names the invalid entry, or leaves it out
         return None
     return {} if people is None else {"people": people}

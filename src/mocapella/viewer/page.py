@@ -18,19 +18,23 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 import numpy as np
 import viser
 import viser.infra
 import viser.infra._infra
 from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosedError
 from websockets.http11 import Request, Response
 
 from mocapella.errors import AddressInUseError, SettingsError
+from mocapella.viewer.commands import SendCommand
 from mocapella.viewer.page_door import PageDoor, users_token
 from mocapella.viewer.page_messages import MESSAGES_HZ, MessageQuota, PageInbox
 from mocapella.viewer.page_refusals import PageRefusals
+from mocapella.viewer.study_page import SOCKET, StudyPages
 
 _INFRA: Final[Any] = viser.infra._infra
 _THEIR_SOCKETS: Final[Any] = _INFRA.websockets
@@ -72,10 +76,12 @@ class PageServer(viser.ViserServer):
     Attributes:
         door: decides which requests are answered.
         refusals: counts the refused requests.
+        study: the pages of a study, beside the view.
     """
 
     door: PageDoor
     refusals: PageRefusals
+    study: StudyPages
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Return None instead of opening a public tunnel, so that no page can publish images of people."""
@@ -96,18 +102,23 @@ class PageServer(viser.ViserServer):
         sockets: Any = self._websock_server
         return getattr(sockets._live_connections.get(client.client_id), "operates", False)
 
-    def _address(self, query: str) -> str:
+    def study_url(self, page: str) -> str:
+        """Address of a study's page, of its path without ``/``: the participant's has the watcher's token."""
+        return self._address(self.door.query(watch=page != "study"), page)
+
+    def _address(self, query: str, page: str = "") -> str:
         host = self.get_host()
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}/{query}"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.get_port()}/{page}{query}"
 
 
-def open_page(host: str, port: int, panel_px: int) -> PageServer:
+def open_page(host: str, port: int, panel_px: int, send: SendCommand | None = None) -> PageServer:
     """Serve an empty page with a control panel, on viser's own threads, until ``stop`` of the result is called.
 
     Args:
         host: address of the only network interface to serve on.
         port: TCP port; 0 takes a free one.
         panel_px: width of the panel.
+        send: sends a command of a study's page to the server; None for none.
 
     Returns:
         The running server; its ``url`` has the operator's token.
@@ -119,9 +130,10 @@ def open_page(host: str, port: int, panel_px: int) -> PageServer:
     """
     _check_free(host, port)
     door, refusals = PageDoor(users_token(), host), PageRefusals()
-    with unprinted(), _own_socket(door, refusals):
+    study = StudyPages(send, refusals)
+    with unprinted(), _own_socket(door, refusals, study):
         server = PageServer(host=host, port=port, label="Mocapella", verbose=False)
-    server.door, server.refusals = door, refusals
+    server.door, server.refusals, server.study = door, refusals, study
     if port not in (0, server.get_port()):
         server.stop()
         raise _in_use(host, port)
@@ -165,6 +177,7 @@ class _PageSocket(viser.infra.WebsockServer):
 
     door: PageDoor
     refusals: PageRefusals
+    study: StudyPages
 
     def __init__(self, *args: Any, http_server_root: Path, **keywords: Any) -> None:
         keywords["http_server_root"] = _Page(http_server_root)
@@ -172,7 +185,7 @@ class _PageSocket(viser.infra.WebsockServer):
         super().__init__(*args, **keywords)
 
     def _background_worker(self, ready_sem: threading.Semaphore) -> None:
-        _AT.door, _AT.seats = self.door, _Seats(self.refusals)  # this thread serves
+        _AT.door, _AT.seats, _AT.study = self.door, _Seats(self.refusals), self.study  # this thread serves
         super()._background_worker(ready_sem)  # type: ignore[no-untyped-call,unused-ignore]
 
 
@@ -210,7 +223,7 @@ class _Messages(_INFRA.AsyncMessageBuffer):  # type: ignore[misc]
 
 
 _AT: Final = threading.local()
-"""`PageDoor` and `_Seats` of the page that a thread serves."""
+"""`PageDoor`, `_Seats` and `StudyPages` of the page that a thread serves."""
 
 
 class _Seats:
@@ -261,9 +274,11 @@ class _Connection(ServerConnection):
 
     Attributes:
         operates: whether its request had the operator's token.
+        of_study: whether it is the socket of a study's page.
     """
 
     operates = False
+    of_study = False
 
     def __init__(self, *args: Any, seats: _Seats, **keywords: Any) -> None:
         super().__init__(*args, **keywords)
@@ -301,6 +316,14 @@ class _GuardedServe(serve):
     def __init__(self, handler: Any, *args: Any, process_request: Callable[..., Any], **keywords: Any) -> None:
         door: PageDoor = _AT.door
         seats: _Seats = _AT.seats
+        study: StudyPages = _AT.study
+
+        async def served(connection: ServerConnection) -> None:
+            assert isinstance(connection, _Connection)
+            if connection.of_study:
+                await study.serve(connection)
+            else:
+                await handler(connection)
 
         def refuse(connection: _Connection, status: http.HTTPStatus, kind: str, reason: str) -> Response:
             seats.refusals.add(kind, reason)
@@ -317,7 +340,10 @@ class _GuardedServe(serve):
             if admission.refusal:
                 return refuse(connection, http.HTTPStatus.FORBIDDEN, admission.kind, admission.refusal)
             connection.operates = admission.operates
-            response = process_request(connection, request)
+            path = urlsplit(request.path).path
+            connection.of_study = path == SOCKET
+            page = study.page(path)
+            response = _html(page) if page is not None else process_request(connection, request)
             if inspect.isawaitable(response):
                 response = await response
             if response is None:
@@ -332,7 +358,7 @@ class _GuardedServe(serve):
         asyncio.get_running_loop().set_exception_handler(partial(_hear_error, seats.refusals))
         keywords["create_connection"] = partial(_Connection, seats=seats)
         keywords |= {"max_size": MAX_MESSAGE_BYTES, "open_timeout": HANDSHAKE_S, "backlog": NEW_AT_ONCE}
-        super().__init__(handler, *args, process_request=guarded, **keywords)
+        super().__init__(served, *args, process_request=guarded, **keywords)
 
     async def __aenter__(self) -> Server:
         server = await super().__aenter__()
@@ -340,6 +366,15 @@ class _GuardedServe(serve):
             with socket.socket(fileno=os.dup(listening.fileno())) as same:
                 same.listen(MOST_NEW)  # asyncio's `backlog` is both numbers
         return server
+
+
+def _html(page: bytes) -> Response:
+    headers = {
+        "Content-Type": "text/html; charset=utf-8",
+        "Content-Length": str(len(page)),
+        "Cache-Control": "no-store",
+    }
+    return Response(http.HTTPStatus.OK, "OK", Headers(headers), page)
 
 
 def _hear_error(refusals: PageRefusals, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
@@ -361,12 +396,12 @@ class _GuardedSockets:
 
 
 @contextlib.contextmanager
-def _own_socket(door: PageDoor, refusals: PageRefusals) -> Iterator[None]:
+def _own_socket(door: PageDoor, refusals: PageRefusals, study: StudyPages) -> Iterator[None]:
     """Let a `viser.ViserServer` that is made within the ``with`` block use `_PageSocket`; it has no argument for it."""
     infra: Any = viser.infra
     _INFRA.AsyncMessageBuffer = _Messages  # stays, because later pages create their buffers by this name, too
     usual = infra.WebsockServer
-    infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals})
+    infra.WebsockServer = type("_PageSocket", (_PageSocket,), {"door": door, "refusals": refusals, "study": study})
     _INFRA.websockets = _GuardedSockets()
     try:
         yield

@@ -14,6 +14,7 @@ from mocapella.model.frame_types import FRAME_TYPES
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import SessionStatus, Setup
+from mocapella.model.study_status import LiveCheck
 from mocapella.registry import load
 from mocapella.viewer.browser import ASPECT, Browser, look_along, new_sight
 from mocapella.viewer.camera_feed import Ask, CameraAnswer, CameraFeed, FeedMode
@@ -81,7 +82,7 @@ class Viewer:
         if scenery is not None:
             self._known = ViewMemory(scenery=load(scenery)() if isinstance(scenery, str) else scenery())
         self._stages = StageChoice(methods, made, self._known.troubles)
-        self._server = open_page(host, port, WIDTH_PX)
+        self._server = open_page(host, port, WIDTH_PX, command)
         self._methods = tuple(methods)
         self._commander = None if command is None else Commander(command)
         self._feed = CameraFeed(ask or _nobody)
@@ -110,6 +111,10 @@ class Viewer:
         """URL of the page for viewers without rights to control the session."""
         return self._server.watch_url
 
+    def study_url(self, page: str) -> str:
+        """Address of a page of a study, ``study`` or ``participant``."""
+        return self._server.study_url(page)
+
     def show(
         self,
         scene: Scene | None,
@@ -119,6 +124,7 @@ class Viewer:
         *,
         pictures: Mapping[str, SizedPicture] | None = None,
         keep: bool = True,
+        check: LiveCheck | None = None,
     ) -> None:
         """Show the newest state in every browser; costs little while no browser is connected.
 
@@ -132,11 +138,13 @@ class Viewer:
             pictures: encoded image of each camera at the scene's time, by camera; a camera that is not in it keeps its
                 last image for `LATEST_S`. None lets the view request images itself.
             keep: whether the scene is stored on the timeline; a scene object that is shown again is stored once.
+            check: quality of the newest data, for the pages of a study; None if it is not known.
 
         Raises:
             Exception: the first error of drawing in a browser; the other browsers are drawn before.
         """
         now_s = time.monotonic()
+        self._server.study.show(None if status is None else status.study, check)
         self._welcome(now_s)
         self._known.learn(scene, frames, status)
         self._method = self._method if status is None else status.setup.method
