@@ -58,6 +58,7 @@ ALLOWED = {
     "sources/simulate/measured.py: read_bytes": "reads a file of this program",
     "tracker/limb_recovery.py: json.loads": "a generator's state has integers of 128 bits; `recalling` guards it",
     "exports/motion_page.py: read_text": "reads a file of this program",
+    "studies/protocol.py: read_bytes": "reads a file of this program",
     "viewer/page.py: read_bytes": "reads a file of this program",
 }
 """By ``path: what``, the reason."""
