@@ -77,7 +77,7 @@ def doors(folder: Path) -> list[Door]:
     """Return all doors; ``folder`` is empty, for files of the inputs."""
     return [
         *_messages(), *bus_doors(), *_texts(), *key_doors(folder), *_files(folder), *_settings_files(folder),
-        *_memories(), _takes(folder),
+        *_studies(folder), *_memories(), _takes(folder),
     ]  # fmt: skip
 
 
@@ -314,6 +314,21 @@ def _settings_files(folder: Path) -> list[Door]:
         of_bytes("sensor errors", [errors], lambda data: errors_from_json(data, "errors.json"), TEXT, 0.02),
         of_bytes("bodies with meshes", [msgspec.json.encode(start)], bodies, TEXT, 0.02),
         of_bytes("references to images", seeds.image_references(folder), seeds.resolve, TEXT, 0.1),
+    ]  # fmt: skip
+
+
+def _studies(folder: Path) -> list[Door]:
+    from mocapella.studies.progress import begin
+    from mocapella.studies.protocol import load_protocol, plan, protocol_bytes
+    from mocapella.studies.state_file import load_session, new_session
+
+    founding = load_protocol("kinectmultitrack")
+    session = new_session(founding, begin("P07", plan(founding, "P07"), 0))
+    return [
+        of_file("study protocols", folder / "study.toml", [protocol_bytes("kinectmultitrack")], load_protocol, TEXT,
+                share=0.05),
+        of_file("study sessions", folder / "session.json", [msgspec.json.encode(session)], load_session, TEXT,
+                share=0.05),
     ]  # fmt: skip
 
 
