@@ -44,7 +44,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "viewer": MODEL,
     "evaluation": TRACKER | DETECTORS | {"recording", "sources", "comparison"},
     "studies": TRACKER | DETECTORS | {"recording", "schema", "sources", "exports", "evaluation", "comparison"},
-    "live": TRACKER | DETECTORS | EDGES | LIVE,
+    "live": TRACKER | DETECTORS | EDGES | LIVE | {"studies"},
     "cli": TRACKER
     | DETECTORS
     | EDGES

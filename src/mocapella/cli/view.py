@@ -50,6 +50,10 @@ def view(
         say(f"view: {url}")
         say(f"{WATCH_URL}{watch_url}")
 
+    def tell_study(url: str, participant_url: str) -> None:
+        say(f"study: {url}")
+        say(f"study, the participant's screen: {participant_url}")
+
     warn_if_open("the view is", host, view_port)
     if hasattr(os, "nice"):  # not on Windows
         os.nice(NICENESS)
@@ -63,5 +67,6 @@ def view(
             scenery=scenery,
             on_ready=tell,
             on_page=lambda: say(PAGE_DRAWN),
+            on_study=tell_study,
             on_waiting=lambda reason: say(f"{reason}; waiting for it (Ctrl-C ends)"),
         )

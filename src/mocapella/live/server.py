@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from mocapella.live.recording_service import RecordingService, outcome
 from mocapella.live.sensor_registry import SensorRegistry
 from mocapella.live.session import Session
 from mocapella.live.state_notices import StateNotices
+from mocapella.live.study_service import StudyRecording, StudyService, StudyStore
 from mocapella.live.summary import RunSummary
 from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
@@ -67,6 +68,7 @@ class ServerSettings:
         log: file of the structured log, named in the status; empty if there is none.
         record: take to record from the start, before any node is admitted; one that was interrupted is continued. None
             records none.
+        study: where a study's session is kept, which the server runs; None without a study.
     """
 
     listen: str
@@ -79,6 +81,7 @@ class ServerSettings:
     waiting_for: str = ""
     log: str = ""
     record: Path | None = None
+    study: StudyStore | None = None
 
 
 class Server:
@@ -133,6 +136,7 @@ class Server:
         self._errors = Boundary(self._note)
         self._states = StateNotices(self.summary, self._note)
         self._finishing: list[threading.Thread] = []
+        self._study: StudyService | None = None
         with ExitStack() as undo:  # if the construction fails
             undo.callback(self._notices.close)
             if settings.record is None and (problem := folder_problem(settings.takes)):
@@ -165,9 +169,14 @@ class Server:
             between_steps=self._stepping,
             hurry=self.failed,
         )
+        undo.callback(self._recording.interrupt)
         if self._settings.record is not None:
-            undo.callback(self._recording.interrupt)
             self._recording.begin(self._settings.record, resume=True)
+        if self._settings.study is not None:
+            self._study = StudyService(self._settings.study, self._for_study(), time.time_ns)
+            undo.callback(self._study.close)
+            if note := self._study.go_on():
+                self._note(note)
         self._link.serve(
             on_frame=door.frame,
             on_truth=door.truth,
@@ -197,6 +206,8 @@ class Server:
 
     def _turn(self, message: ReceivedMessage | None) -> None:
         with self._stepping:
+            if self._study is not None:
+                self._errors.run("study", self._study.beat)
             for _ in range(_COMMANDS_A_TURN):
                 command = self._commands.take()
                 if command is None:
@@ -289,8 +300,16 @@ class Server:
                 with self._lock:
                     self._registry.tracking_began()
             self._recording.record_command(verb, arguments, by)
+        elif self._study is not None and verb in self._study.verbs:
+            message = self._study.carry_out(verb, arguments)
         else:
-            known = ("status", "record", "record-stop", *self._session.verbs)
+            known = (
+                "status",
+                "record",
+                "record-stop",
+                *self._session.verbs,
+                *(self._study.verbs if self._study else ()),
+            )
             raise SettingsError(f"unknown command {verb!r}; known: {one_of(verb, known)}")
         self._revision += 1
         self._note(f"{message} ({by})" if by else message)
@@ -337,17 +356,39 @@ class Server:
         ensure_folder(self._settings.takes)
         return self.record_to(take_path(self._settings.takes, name))
 
+    def _for_study(self) -> StudyRecording:
+        def set_up(setup: Setup) -> None:
+            self._session.set_up(setup)
+            self._recording.record_command("setup", asdict(setup))
+
+        return StudyRecording(
+            setup=lambda: self._session.setup,
+            set_up=set_up,
+            recalibrate=lambda: self._session.running and self._do("recalibrate", {}),
+            record=lambda path: self.record_to(path, resume=True),
+            end_take=self._end_take,
+            note=self._recording.record_command,
+            results=lambda: self.summary.scenes_out,
+        )
+
+    def _end_take(self) -> None:
+        if self._recording.recorder is not None:
+            self._finish_take(lambda reply: None)
+
     def _stop_recording(self, answer: Answer) -> None:
-        """Finish the take on a thread of its own: it waits for late frames and the disk, and the tracker must not."""
         if self._recording.recorder is None:
             raise NotNowError("not recording; begin a take first")
+        self._finish_take(lambda reply: self._answer(answer, reply))
+
+    def _finish_take(self, then: Callable[[CommandReply], object]) -> None:
+        """Finish the take on a thread of its own: it waits for late frames and the disk, and the tracker must not."""
 
         def finish() -> None:
             problem = self._errors.run("end of the take", self._recording.finish)
             health = self._recording.health()
             problem = problem or health.problem
             self._revision += 1
-            self._answer(answer, CommandReply(not problem, problem or outcome(health), self.status()))
+            then(CommandReply(not problem, problem or outcome(health), self.status()))
 
         self._finishing = [thread for thread in self._finishing if thread.is_alive()]
         self._finishing.append(
@@ -439,6 +480,7 @@ class Server:
             version=__version__,
             next_take=free_name(self._settings.takes, take),
             health=self.server_health(),
+            study=None if self._study is None else self._study.status(),
         )
 
     def halt(self) -> None:
@@ -447,6 +489,9 @@ class Server:
         self._inbox.wake()
         for thread in self._threads:  # no command may start another take afterwards
             thread.join()
+        if self._study is not None:
+            self._study.close()
+            self._study = None
         self.summary.errors = self._errors.counts
 
     def close(self) -> RecordingHealth:

@@ -18,7 +18,7 @@ from mocapella.errors import InputError, NotNowError, SettingsError, WireError, 
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
-from mocapella.model.session import PersonName, Setup
+from mocapella.model.session import STUDY_EVENT, PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
 from mocapella.tracker.protocol import KeepsLayout
@@ -95,6 +95,7 @@ class Session:
             "use-rig": self._use_rig,
             "name": self._name,
             "restore": self._restore,
+            STUDY_EVENT: lambda _: "",
         }
 
     @property
@@ -129,8 +130,8 @@ class Session:
 
     @property
     def verbs(self) -> tuple[str, ...]:
-        """Names of the commands for users; ``restore``, which only takes have, is not among them."""
-        return tuple(verb for verb in self._verbs if verb != "restore")
+        """Names of the commands for users, without the entries that only takes have."""
+        return tuple(verb for verb in self._verbs if verb not in ("restore", STUDY_EVENT))
 
     @property
     def unusable(self) -> Mapping[str, int]:
@@ -205,6 +206,16 @@ class Session:
 
     def _set_up(self, arguments: Mapping[str, Any]) -> str:
         setup = parse(Setup, arguments, where="setup")
+        if (setup.placement, setup.scenario) != (self.setup.placement, self.setup.scenario):
+            setup.check_usual_labels()
+        return self.set_up(setup)
+
+    def set_up(self, setup: Setup) -> str:
+        """Take a setup; return a message. The tracker goes on if only labels differ, else a new one is made.
+
+        Raises:
+            SettingsError: the method is unknown, or keeps no sensor layout.
+        """
         if setup.labelled_as(self.setup) == self.setup:
             self.setup = setup
             return f"labelled: {setup.labels_in_words()}"

@@ -20,7 +20,7 @@ from mocapella.live.session import Session
 from mocapella.live.summary import RunSummary
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, TrackerState
-from mocapella.model.session import Setup
+from mocapella.model.session import STUDY_EVENT, Setup
 from mocapella.recording.take import Command, TakeInfo
 from mocapella.recording.take_reader import Take
 from mocapella.schema import encode_frame
@@ -30,8 +30,9 @@ from mocapella.tracker import METHODS
 if TYPE_CHECKING:
     from mocapella.live.new_take import NewTake
 
-KEPT: Final = ("recalibrate",)
-"""Recorded commands that apply to another tracker. Others state ids or the memory of the recorded one, or stop it."""
+KEPT: Final = ("recalibrate", STUDY_EVENT)
+"""Recorded commands that apply to another tracker, or to none. Others state ids or the memory of the recorded one, or
+stop it."""
 
 FrameKey = tuple[str, int, int]
 """Sensor, node id and sequence number of a frame."""
@@ -79,6 +80,8 @@ class Changes:
             raise SettingsError(f"the method {method} starts from no sensor layout; methods that do: {', '.join(able)}")
         placement = recorded.setup.placement if self.placement is None else self.placement
         setup: Setup = replace(recorded.setup, method=method, placement=placement)
+        if self.placement is not None:
+            replace(setup, scenario="").check_usual_labels()
         base = recorded.method_settings if method == recorded.method else {}
         return replace(recorded, setup=setup, method_settings=merged(base, self.settings))
 

@@ -19,6 +19,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.decoding import convert
 from mocapella.errors import MocapellaError, NoServerError, NotAdmittedError
 from mocapella.live.board_service import BoardService
+from mocapella.live.live_check import LiveChecker
 from mocapella.model.pace import Pace
 from mocapella.model.scene import Scene
 from mocapella.model.sensor_frame import SensorFrame
@@ -231,6 +232,7 @@ def run_view(
     scenery: str | None = None,
     on_ready: Callable[[str, str], None] = lambda url, watch_url: None,
     on_page: Callable[[], None] = lambda: None,
+    on_study: Callable[[str, str], None] = lambda url, participant_url: None,
     on_waiting: Callable[[str], None] = lambda reason: None,
 ) -> None:
     """Show a server's session as a web page until ``stop`` is set.
@@ -243,6 +245,8 @@ def run_view(
         scenery: name of a simulated scene whose obstacles are drawn; None for none.
         on_ready: called with the page's URLs for operators and for watchers.
         on_page: called once, when the first browser draws the view.
+        on_study: called once, when the session runs a study, with the URLs of the researcher's page and of the
+            participant's screen.
         on_waiting: called once with the reason if no server admits this program at first.
 
     Raises:
@@ -263,14 +267,20 @@ def run_view(
             on_ready(viewer.url, viewer.watch_url)
             picture = ViewState()
             errors = Boundary()  # the log has them, and a line in the terminal
-            drawn = False
+            drawn = study_told = False
+            checker = LiveChecker()
 
             def draw(now_s: float) -> None:
                 if not picture.due(now_s):
                     return
                 scene, frames, status = picture.update(*link.newest(), now_s)
+                nonlocal study_told
                 boards.update(status)
-                viewer.show(scene, frames, status, boards.progress)
+                if status is not None and status.study is not None and not study_told:
+                    study_told = True
+                    on_study(viewer.study_url("study"), viewer.study_url("participant"))
+                check = checker.update(scene, status, now_s)
+                viewer.show(scene, frames, status, boards.progress, check=check)
 
             for now_s in beats(RATE_HZ, stop):
                 errors.run("drawing", partial(draw, now_s))

@@ -5,9 +5,12 @@ These values are sent as JSON on the bus and stored in a take, which so document
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from mocapella.conventions import NOT_AVAILABLE
+from mocapella.errors import one_of
 from mocapella.model.limits import MOST_SENSORS, PARTICIPANT, SENSOR_HEIGHT, SENSORS_EXPECTED, TILT
 from mocapella.model.observations import check_sensor_name
 from mocapella.model.scene import Phase
@@ -30,6 +33,10 @@ SCENARIOS: dict[str, int] = {
 """Scenarios, and their study log numbers (Scenario_Id)."""
 
 
+STUDY_EVENT: Final = "study-event"
+"""Name of the entries of a take that are events of a study's session; a tracker does nothing at them."""
+LABEL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
+LABEL_RULE: Final = "up to 40 letters, digits, _ and -, such as walk"
 LONGEST_NAME = 40
 """Most characters of a person's name."""
 
@@ -82,8 +89,8 @@ class Setup:
         method: name of the tracker's method.
         sensors_expected: number of sensors to wait for before calibrating.
         participant: the participant's number in the study, or −9999.
-        placement: key of `PLACEMENTS`, or empty.
-        scenario: key of `SCENARIOS`, or empty.
+        placement: key of `PLACEMENTS`, another name that a study's protocol defines, or empty.
+        scenario: key of `SCENARIOS`, the name of a study's task, or empty.
         sensors: tilt and height by sensor name; they override those in the frames.
 
     Raises:
@@ -106,9 +113,21 @@ class Setup:
         check(len(self.sensors) <= MOST_SENSORS, "number of sensors", len(self.sensors), f"at most {MOST_SENSORS}")
         for name in self.sensors:
             check_sensor_name(name)
-        placements, scenarios = ["", *PLACEMENTS], ["", *SCENARIOS]
-        check(self.placement in placements, "placement", self.placement, "one of " + ", ".join(PLACEMENTS))
-        check(self.scenario in scenarios, "scenario", self.scenario, "one of " + ", ".join(SCENARIOS))
+        for name in ("placement", "scenario"):
+            label = getattr(self, name)
+            check(not label or LABEL.fullmatch(label) is not None, name, label[:80], LABEL_RULE)
+
+    def check_usual_labels(self) -> None:
+        """Check that placement and scenario are the study log's, so that a wrong letter is noticed.
+
+        Raises:
+            SettingsError: one of them is another name; lists the known ones.
+        """
+        for name, label, known in (
+            ("placement", self.placement, PLACEMENTS),
+            ("scenario", self.scenario, SCENARIOS),
+        ):
+            check(label in ("", *known), name, label, f"one of {one_of(label, known)}")
 
     def labelled_as(self, other: Setup) -> Setup:
         """Return this setup with the labels of another: participant, placement and scenario."""

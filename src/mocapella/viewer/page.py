@@ -353,7 +353,7 @@ class _GuardedServe(serve):
                 await asyncio.sleep(seats.pause_s(connection.host, time.monotonic()))
             if response is not None and admission.cookie is not None:
                 response.headers["Set-Cookie"] = admission.cookie
-            return response  # type: ignore[no-any-return]
+            return response
 
         asyncio.get_running_loop().set_exception_handler(partial(_hear_error, seats.refusals))
         keywords["create_connection"] = partial(_Connection, seats=seats)
