@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+import zstandard
 
 from benchmarks import _seeds as seeds
 from benchmarks._bus_doors import bus_doors, key_doors
@@ -318,13 +319,16 @@ def _settings_files(folder: Path) -> list[Door]:
 
 
 def _studies(folder: Path) -> list[Door]:
+    from mocapella.decoding import unpacked_streams
     from mocapella.studies.progress import begin
     from mocapella.studies.protocol import load_protocol, plan, protocol_bytes
     from mocapella.studies.state_file import load_session, new_session
 
     founding = load_protocol("kinectmultitrack")
     session = new_session(founding, begin("P07", plan(founding, "P07"), 0))
+    packed_data = [b"a" + gzip.compress(bytes(99)), zstandard.compress(bytes(99)), seeds.zipped(bytes(99))]
     return [
+        of_bytes("unpacked streams", packed_data, lambda data: list(unpacked_streams(data, 1 << 20)), BYTES),
         of_file("study protocols", folder / "study.toml", [protocol_bytes("kinectmultitrack")], load_protocol, TEXT,
                 share=0.05),
         of_file("study sessions", folder / "session.json", [msgspec.json.encode(session)], load_session, TEXT,

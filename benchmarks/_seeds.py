@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import io
+import zipfile
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -199,3 +201,11 @@ def mesh(folder: Path, kind: str) -> bytes:
 def base64_mesh(folder: Path) -> str:
     """Return a rigged mesh as a setting has it."""
     return base64.b64encode(mesh(folder, ".glb")).decode()
+
+
+def zipped(data: bytes) -> bytes:
+    """Return a zip of one file."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("a", data)
+    return out.getvalue()

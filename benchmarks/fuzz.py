@@ -40,7 +40,8 @@ PARTS: Final = (
     "bias models", "depth images", "images .png", "images .jpg", "images .bmp", "images .tiff", "images .webp",
     "meshes .glb", "meshes .gltf", "settings files", "layout files", "rig files",
     "hand files", "board files", "colour files", "reference points", "sensor errors",
-    "bodies with meshes", "references to images", "study protocols", "study sessions",
+    "bodies with meshes", "references to images", "unpacked streams", "study protocols",
+    "study sessions",
     "memories of stand-still", "memories of default",
     "memories of arms", "memories of hands", "memories of silhouettes", "contents of takes",
 )  # fmt: skip

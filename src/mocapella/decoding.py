@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import mmap
 import re
 import tomllib
 import zlib
@@ -42,6 +43,7 @@ FAULTS: Final = (ValueError, TypeError, LookupError, ArithmeticError, AttributeE
 """Exceptions that decoding libraries raise for unusable content."""
 
 _PIECE: Final = 1 << 20
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _ESCAPED: Final = re.compile(rb"(?s)\\.")
 _STRING: Final = re.compile(rb'"[^"]*"?')
 _ROUND: Final = bytes.maketrans(b"{}", b"[]")
@@ -326,6 +328,75 @@ def text_blocks(path: Path, *, fix: str) -> Iterator[str]:
             yield block
     if rest.strip():
         yield rest.rstrip()
+
+
+def unpacked_streams(data: bytes | mmap.mmap, most_bytes: int) -> Iterator[tuple[int, bytes | None]]:
+    """Yield (offset, contents) of each compressed stream in bytes of any format: gzip, zstd, deflated files of a zip.
+
+    So the contents of ``.gz`` and ``.zst`` files, of zips, and of chunks and pages of MCAP and Parquet are found alike.
+
+    Args:
+        data: the bytes, or a file of any size mapped to memory.
+        most_bytes: largest unpacked size [bytes]; the contents of a larger stream are None. Of a stream that is
+            damaged, the readable part is yielded if it is at the beginning of the data, and nothing elsewhere, because
+            a stream's first bytes also occur by chance.
+    """
+    for mark, unpack in ((b"\x1f\x8b\x08", _inflated), (_ZSTD, _unpacked_zstd), (b"PK\x03\x04", _unzipped)):
+        at = data.find(mark)
+        while at >= 0:
+            contents, whole = unpack(data, at, most_bytes + 1)
+            if contents and (whole or at == 0):
+                yield at, contents if len(contents) <= most_bytes else None
+            at = data.find(mark, at + 1)
+
+
+def _inflated(data: bytes | mmap.mmap, at: int, most_bytes: int, window: int = 31) -> tuple[bytes, bool]:
+    """Return the first ``most_bytes`` of a deflated stream, and whether it goes on to its end or to more than these."""
+    reader, found, size = zlib.decompressobj(window), [], 0
+    try:
+        while not reader.eof and size < most_bytes and at < len(data):
+            piece = data[at : at + _PIECE]
+            found.append(reader.decompress(piece, most_bytes - size))
+            size += len(found[-1])
+            at += len(piece) - len(reader.unconsumed_tail)
+    except zlib.error:
+        return b"".join(found), False
+    return b"".join(found), reader.eof or size >= most_bytes
+
+
+def _unpacked_zstd(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:
+    import zstandard
+
+    found, size = [], 0
+    source: Any = _From(data, at)
+    reader = zstandard.ZstdDecompressor().stream_reader(source)
+    try:
+        while size < most_bytes and (piece := reader.read(min(_PIECE, most_bytes - size))):
+            found.append(piece)
+            size += len(piece)
+    except zstandard.ZstdError:
+        return b"".join(found), False
+    return b"".join(found), True
+
+
+class _From(io.RawIOBase):
+    """A file of the bytes from a place on."""
+
+    def __init__(self, data: bytes | mmap.mmap, at: int) -> None:
+        self._data, self._at = data, at
+
+    def read(self, size: int = -1) -> bytes:
+        piece = self._data[self._at : self._at + size]
+        self._at += len(piece)
+        return piece
+
+
+def _unzipped(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:
+    head = data[at : at + 30]
+    if len(head) < 30 or head[8] != 8:  # stored files are found in the bytes themselves
+        return b"", False
+    name, extra = (int.from_bytes(head[place : place + 2], "little") for place in (26, 28))
+    return _inflated(data, at + 30 + name + extra, most_bytes, -15)
 
 
 def _unpacked(path: Path) -> Iterator[bytes]:

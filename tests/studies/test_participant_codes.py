@@ -13,7 +13,8 @@ from mocapella.studies.participants import check_code, code_problem, number_of
 @given(st.from_regex(r"[A-Za-z0-9-]{0,5}[0-9][A-Za-z0-9-]{0,5}", fullmatch=True))
 def test_a_code_of_the_rule_is_accepted_unless_it_begins_or_ends_with_a_hyphen(code: str) -> None:
     device = code.lower().startswith(("com", "lpt")) and len(code) == 4
-    assert bool(code_problem(code)) == (code.startswith("-") or code.endswith("-") or device)
+    bare = not any(letter.isalpha() for letter in code) or len(code) < 3
+    assert bool(code_problem(code)) == (code.startswith("-") or code.endswith("-") or device or bare)
 
 
 @given(st.text(max_size=14))
@@ -22,7 +23,8 @@ def test_a_code_has_ascii_letters_digits_and_hyphens_and_a_digit(text: str) -> N
         assert text.isascii()
         assert text.replace("-", "").isalnum()
         assert any(letter.isdigit() for letter in text)
-        assert len(text) <= 12
+        assert any(letter.isalpha() for letter in text)
+        assert 3 <= len(text) <= 12
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,8 @@ def test_a_code_has_ascii_letters_digits_and_hyphens_and_a_digit(text: str) -> N
         ("../P7", "is no code"),
         ("P٧", "is no code"),
         ("com1", "Windows has a device"),
+        ("P7", "is no code"),
+        ("007", "is no code"),
         ("", "is no code"),
     ],
 )
@@ -45,4 +49,4 @@ def test_a_name_or_an_address_is_refused(code: str, says: str) -> None:
 
 
 def test_a_number_is_the_digits_of_the_code() -> None:
-    assert [number_of(code) for code in ("P07", "7", "A1-2", "000")] == [7, 7, 12, 0]
+    assert [number_of(code) for code in ("P07", "7th", "A1-2", "P00")] == [7, 7, 12, 0]

@@ -53,7 +53,9 @@ def test_an_edited_protocol_is_named_and_the_stored_plan_goes_on(tmp_path: Path)
     again = reopen_session(tmp_path / "s.json", edited)
     assert "edited after the session began (tasks, consent)" in again.edited
     assert again.session.state.plan == session.state.plan
-    assert again.session.protocol == founding
+    assert again.session.protocol.tasks == founding.tasks
+    assert again.session.protocol.codes == ("P07",)
+    assert again.session.checksum == founding.checksum
 
 
 def test_codes_in_another_order_are_an_edit_if_they_change_the_plan(tmp_path: Path) -> None:
@@ -68,7 +70,7 @@ def test_codes_in_another_order_are_an_edit_if_they_change_the_plan(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [('"index":0', '"index":99'), ('"step":0', '"step":-1'), ('"title":"', '"title":"x')]
+    ("old", "new"), [('"index":0', '"index":99'), ('"index":0', '"index":-1'), ('"step":0', '"step":-1')]
 )
 def test_a_state_that_does_not_fit_its_plan_is_refused(tmp_path: Path, old: str, new: str) -> None:
     path = tmp_path / "s.json"

@@ -32,7 +32,7 @@ def protocols(draw: Any, most_tasks: int = 4) -> StudyProtocol:
     """Draw a valid protocol of up to three placements and ``most_tasks`` tasks."""
     points, placements, tasks = draw(names(3)), draw(names(3)), draw(names(most_tasks))
     numbers = draw(st.lists(st.integers(0, 999), min_size=1, max_size=7, unique=True))
-    codes = tuple(f"P{number}" for number in numbers)
+    codes = tuple(f"P{number:03}" for number in numbers)
     middle = (len(codes) + 1) // 2
     groups = [ParticipantGroup(name, some) for name, some in (("a", codes[:middle]), ("b", codes[middle:])) if some]
     participants = draw(

@@ -1,4 +1,7 @@
-"""Participants' codes: a participant has a code, never a name."""
+"""Participants' codes: a participant has a code, never a name.
+
+A code is long enough to be searched for in all bytes of a study's folder (`mocapella.studies.purge`).
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,8 @@ from typing import Final
 from mocapella.errors import SettingsError
 from mocapella.model.names import is_device
 
-CODE_RULE: Final = "letters A–Z, digits and -, at most 12 characters, with at least one digit, such as P07"
-_CODE: Final = re.compile(r"(?=.*[0-9])[A-Za-z0-9](?:[A-Za-z0-9-]{0,10}[A-Za-z0-9])?")
+CODE_RULE: Final = "letters A–Z, digits and -, 3 to 12 characters, with at least one letter and one digit, such as P07"
+_CODE: Final = re.compile(r"(?=.*[0-9])(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9-]{1,10}[A-Za-z0-9]")
 
 
 def code_problem(code: str) -> str:

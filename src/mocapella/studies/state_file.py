@@ -11,7 +11,7 @@ from mocapella.errors import RecordingError
 from mocapella.model.whole_file import write_whole
 from mocapella.studies.file_values import read_json
 from mocapella.studies.progress import Advanced, StudyEvent, StudyState, interrupted
-from mocapella.studies.protocol import StudyProtocol, plan
+from mocapella.studies.protocol import ParticipantGroup, Participants, StudyProtocol, plan
 
 _FIX: Final = "restore it from a copy, or move it away to begin the participant's session again"
 
@@ -20,8 +20,8 @@ class SavedSession(msgspec.Struct, frozen=True):
     """A session as it is stored.
 
     Attributes:
-        protocol: the protocol with which it began.
-        checksum: `StudyProtocol.checksum` of it.
+        protocol: the protocol with which it began, without the other participants' codes.
+        checksum: `StudyProtocol.checksum` of the whole protocol.
         state: the state after the last event.
         events: all events so far, in their order.
     """
@@ -51,7 +51,10 @@ class ReopenedSession(msgspec.Struct, frozen=True):
 
 def new_session(protocol: StudyProtocol, begun: Advanced) -> SavedSession:
     """Return the session of a participant who begins, of the result of `mocapella.studies.progress.begin`."""
-    return SavedSession(protocol, protocol.checksum, *begun)
+    code = begun[0].participant
+    own = tuple(ParticipantGroup(one.name, (code,)) for one in protocol.participants.groups if code in one.codes)
+    participants = Participants(groups=own) if own else Participants(codes=(code,))
+    return SavedSession(msgspec.structs.replace(protocol, participants=participants), protocol.checksum, *begun)
 
 
 def save_session(path: Path, session: SavedSession) -> None:
@@ -72,7 +75,7 @@ def load_session(path: Path) -> SavedSession:
     session = read_json(path, SavedSession, what="study session", fix=_FIX)
     state = session.state
     steps = len(state.plan[state.index].task.steps) if 0 <= state.index < len(state.plan) else 0
-    if not 0 <= state.step < steps or session.checksum != session.protocol.checksum:
+    if not 0 <= state.step < steps:
         raise RecordingError(f"{path}: the session's state does not belong to its plan; {_FIX}")
     return session
 

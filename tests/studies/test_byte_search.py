@@ -1,0 +1,102 @@
+"""The search for a participant's code finds it in any content, and takes no other word for it."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mocapella.studies.byte_search
+from mocapella.decoding import unpacked_streams
+from mocapella.studies.byte_search import search
+
+CODE = "P07"
+SUM = "ab" * 32
+
+
+def zipped(data: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("inner.txt", data)
+    return out.getvalue()
+
+
+PACKED = {"plain": bytes, "gzip": gzip.compress, "zstd": zstandard.compress, "zip": zipped}
+
+
+def found(folder: Path, data: bytes, **options: object) -> list[str]:
+    (folder / "some.bin").write_bytes(data)
+    return sorted({trace.what for trace in search(folder, CODE, [SUM], **options).traces})  # type: ignore[arg-type]
+
+
+@given(st.binary(max_size=40), st.binary(max_size=40), st.sampled_from([b'"', b"/", b" ", b"\n", b"_", b".", b"-"]))
+def test_a_word_is_found_wherever_it_is(
+    tmp_path_factory: pytest.TempPathFactory, before: bytes, after: bytes, mark: bytes
+) -> None:
+    folder = tmp_path_factory.mktemp("found")
+    assert "code" in found(folder, before + b" " + CODE.encode() + mark + b" " + after)
+
+
+@pytest.mark.parametrize("outer", PACKED)
+@pytest.mark.parametrize("inner", PACKED)
+def test_content_is_unpacked_wherever_it_is_in_a_file(tmp_path: Path, inner: str, outer: str) -> None:
+    assert found(tmp_path, b"head" + PACKED[outer](b"\x01" + PACKED[inner](b'{"code":"P07"}'))) == ["code"]
+    assert found(tmp_path, b"head" + PACKED[outer](b"\x01" + PACKED[inner](SUM.encode()))) == ["checksum"]
+    assert found(tmp_path, b"head" + PACKED[outer](b"\x01" + PACKED[inner](b'{"code":"P08"}'))) == []
+
+
+@pytest.mark.parametrize("data", [b"\x03P07x", b"\x03\0\0\0P07x", b"P07", b"a/P07/b", b"P07-walk.csv", b"study-P07"])
+def test_words_names_and_texts_of_binary_formats_are_found(tmp_path: Path, data: bytes) -> None:
+    assert found(tmp_path, data) == ["code"]
+
+
+@pytest.mark.parametrize("data", [b"P070", b"XP07", b"xP07y", b"p07", b"P0 7", b""])
+def test_another_word_is_none(tmp_path: Path, data: bytes) -> None:
+    assert found(tmp_path, data) == []
+
+
+def test_another_participants_code_is_none(tmp_path: Path) -> None:
+    assert found(tmp_path, b"a P07-2 b") == ["code"]
+    assert found(tmp_path, b"a P07-2 b", others={"P07-2"}) == []
+
+
+def test_names_of_files_and_folders_are_searched(tmp_path: Path) -> None:
+    (tmp_path / "x" / "P07").mkdir(parents=True)
+    (tmp_path / "x" / "P07" / "a").touch()
+    assert [(trace.file, trace.place) for trace in search(tmp_path, CODE).traces] == [("x/P07/a", "name")]
+
+
+def test_what_is_not_searched_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mocapella.studies.byte_search, "MOST_UNPACKED", 1 << 20)
+    (tmp_path / "far").symlink_to(tmp_path.parent)
+    (tmp_path / "large.gz").write_bytes(gzip.compress(bytes((1 << 20) + 1)))
+    report = search(tmp_path, CODE)
+    assert report.unsearched == ("far is a link or no file", "large.gz, byte 0: unpacks to more than 1 MiB")
+
+
+@pytest.mark.parametrize("packed", ["gzip", "zstd", "zip"])
+def test_a_large_stream_is_none_and_takes_no_memory(packed: str) -> None:
+    data = PACKED[packed](bytes(1 << 22))
+    assert list(unpacked_streams(data, 1 << 22)) == [(0, bytes(1 << 22))]
+    assert list(unpacked_streams(data, (1 << 22) - 1)) == [(0, None)]
+
+
+@pytest.mark.parametrize("packed", ["gzip", "zstd"])
+def test_of_a_stream_that_ends_early_what_is_left_is_searched(tmp_path: Path, packed: str) -> None:
+    text = b"P07 " + bytes(range(256)) * 4000
+    data = PACKED[packed](text)[:-8]
+    assert found(tmp_path, data) == ["code"]
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_can_be_searched(data: bytes) -> None:
+    for mark in (b"", b"\x1f\x8b\x08", b"\x28\xb5\x2f\xfd", b"PK\x03\x04"):
+        for at, contents in unpacked_streams(data + mark + data, 1 << 16):
+            assert 0 <= at < len(data) + len(mark) + len(data)
+            assert contents
