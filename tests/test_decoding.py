@@ -14,6 +14,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.packings import PACKED
 
 from mocapella import decoding
 from mocapella.decoding import (
@@ -29,6 +30,7 @@ from mocapella.decoding import (
     decode_toml,
     read_whole,
     text_blocks,
+    unpacked_streams,
 )
 from mocapella.errors import InputError, SettingsError
 
@@ -208,3 +210,29 @@ def test_a_packed_file_of_many_lines_unpacks_up_to_a_ratio(tmp_path: Path, monke
     assert sum(block.count("\n") + 1 for block in text_blocks(path, fix="")) == 1 << 17
     path.write_bytes(gzip.compress(os.urandom(2 << 20).hex().encode().replace(b"a", b"\n"), 1))
     assert sum(map(len, text_blocks(path, fix=""))) > 3 << 20  # beyond the free size, at an honest ratio
+
+
+@pytest.mark.parametrize("packed", PACKED)
+def test_a_large_stream_is_none_and_takes_no_memory(packed: str) -> None:
+    data = PACKED[packed](bytes(1 << 22))
+    assert list(unpacked_streams(data, 1 << 22)) == [(0, bytes(1 << 22))]
+    assert list(unpacked_streams(data, (1 << 22) - 1)) == [(0, None)]
+
+
+@pytest.mark.parametrize("packed", PACKED)
+def test_a_damaged_stream_is_unpacked_at_the_beginning_only(packed: str) -> None:
+    text = os.urandom(100).hex().encode()
+    data = PACKED[packed](text)
+    assert list(unpacked_streams(b"head" + data, 1 << 20)) == [(4, text)]
+    for cut in range(len(data)):
+        assert all(text.startswith(one or b"-") for _, one in unpacked_streams(data[:cut], 1 << 20))
+        changed = data[:cut] + bytes([data[cut] ^ 255]) + data[cut + 1 :]
+        assert len(list(unpacked_streams(b"head" + changed, 1 << 20))) <= 1
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_can_be_searched(data: bytes) -> None:
+    for mark in (b"", b"\x1f\x8b\x08", b"\x28\xb5\x2f\xfd", b"PK\x03\x04"):
+        for at, contents in unpacked_streams(data + mark + data, 1 << 16):
+            assert 0 <= at < len(data) + len(mark) + len(data)
+            assert contents

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import gzip
-import io
-import zipfile
 from pathlib import Path
 
 import pytest
-import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from support import packings
 
 import mocapella.studies.byte_search
-from mocapella.decoding import unpacked_streams
 from mocapella.studies.byte_search import search
 
 CODE = "P07"
 SUM = "ab" * 32
 
 
-def zipped(data: bytes) -> bytes:
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("inner.txt", data)
-    return out.getvalue()
-
-
-PACKED = {"plain": bytes, "gzip": gzip.compress, "zstd": zstandard.compress, "zip": zipped}
+PACKED = {"plain": bytes, **packings.PACKED}
 
 
 def found(folder: Path, data: bytes, **options: object) -> list[str]:
@@ -80,23 +70,8 @@ def test_what_is_not_searched_is_named(tmp_path: Path, monkeypatch: pytest.Monke
     assert report.unsearched == ("far is a link or no file", "large.gz, byte 0: unpacks to more than 1 MiB")
 
 
-@pytest.mark.parametrize("packed", ["gzip", "zstd", "zip"])
-def test_a_large_stream_is_none_and_takes_no_memory(packed: str) -> None:
-    data = PACKED[packed](bytes(1 << 22))
-    assert list(unpacked_streams(data, 1 << 22)) == [(0, bytes(1 << 22))]
-    assert list(unpacked_streams(data, (1 << 22) - 1)) == [(0, None)]
-
-
 @pytest.mark.parametrize("packed", ["gzip", "zstd"])
 def test_of_a_stream_that_ends_early_what_is_left_is_searched(tmp_path: Path, packed: str) -> None:
     text = b"P07 " + bytes(range(256)) * 4000
     data = PACKED[packed](text)[:-8]
     assert found(tmp_path, data) == ["code"]
-
-
-@given(st.binary(max_size=200))
-def test_any_bytes_can_be_searched(data: bytes) -> None:
-    for mark in (b"", b"\x1f\x8b\x08", b"\x28\xb5\x2f\xfd", b"PK\x03\x04"):
-        for at, contents in unpacked_streams(data + mark + data, 1 << 16):
-            assert 0 <= at < len(data) + len(mark) + len(data)
-            assert contents

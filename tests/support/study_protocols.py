@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from mocapella.studies.protocol import (
     FloorBlock,
     FloorPoint,
+    Instruction,
     ParticipantGroup,
     Participants,
     Placement,
-    Instruction,
     StudyProtocol,
     Task,
 )
