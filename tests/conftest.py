@@ -59,6 +59,7 @@ if settings.get_current_profile_name() == "same":
 BROWSERS = (
     "viewer/test_view_in_browser.py",
     "viewer/test_run_view_in_browser.py",
+    "viewer/test_study_pages.py",
     "viewer/test_viewer.py",
     "live/test_cameras_in_view.py",
     "live/test_camera_sliders_in_view.py",
@@ -71,6 +72,7 @@ PROGRAMS = (
     "live/test_outages.py",
     "live/test_processes.py",
     "live/test_datagrams.py",
+    "live/test_labels.py",
     "live/test_server.py",
     "live/test_server_errors.py",
     "live/test_server_junk.py",

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.programs import wait_until
 
-from mocapella.errors import DiskFullError, MocapellaError, NotNowError, SettingsError
+from mocapella.errors import DiskFullError, MocapellaError, NotNowError, SettingsError, TakeExistsError
 from mocapella.live.study_service import StudyRecording, StudyService
 from mocapella.model.session import STUDY_EVENT, Setup
 from mocapella.studies.progress import StudyEvent, StudyState
@@ -74,8 +74,11 @@ class Store:
         if participant == "P02":
             raise NotNowError("P02 has not consented")
 
-    def take(self, state: StudyState) -> Path:
-        return Path(f"{state.participant}-{state.planned.placement.name}.mcap")
+    def take(self, state: StudyState, *, again: bool = False) -> Path:
+        return Path(f"{state.participant}-{state.planned.placement.name}{'-again' if again else ''}.mcap")
+
+    def keep(self, take: Path) -> None:
+        raise AssertionError("the server does this")
 
 
 class Room:
@@ -84,7 +87,7 @@ class Room:
     def __init__(self, saved: StudyState | None = None) -> None:
         self.setup = Setup("stand-still", sensors_expected=2)
         self.log: list[tuple[str, Any]] = []
-        self.now_ns, self.results, self.full = 100 * S, 0, False
+        self.now_ns, self.results, self.full, self.closed = 100 * S, 0, False, ""
         self.store = Store(saved)
         self.service = StudyService(
             self.store,
@@ -107,6 +110,8 @@ class Room:
     def _record(self, path: Path) -> None:
         if self.full:
             raise DiskFullError("the disk is full")
+        if path.name == self.closed:
+            raise TakeExistsError(f"{path} exists")
         self.log.append(("record", path.name))
 
     def _note(self, verb: str, arguments: Mapping[str, Any]) -> None:
@@ -306,6 +311,13 @@ def test_an_interrupted_session_goes_on_paused_with_its_take(room: Room) -> None
         assert other.setup.scenario == "stand"
     finally:
         other.service.close()
+
+
+def test_a_take_that_was_ended_properly_gets_a_second_one(room: Room) -> None:
+    room.do("begin", participant="P01")
+    room.closed = "P01-side-by-side.mcap"
+    room.do("next")
+    assert room.names("record") == ["P01-side-by-side-again.mcap"]
 
 
 def test_without_an_interrupted_session_nothing_goes_on(room: Room) -> None:

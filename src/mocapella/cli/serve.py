@@ -43,6 +43,7 @@ from mocapella.settings import merged
 if TYPE_CHECKING:
     from mocapella.calibration.sensor_layout import SensorLayout
     from mocapella.live.server import Server
+    from mocapella.live.study_service import StudyStore
 
 
 _INVITE = (
@@ -65,6 +66,9 @@ class ServeKeys:
     takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
     layout: Annotated[Path | None, LAYOUT] = None
+    operator: Annotated[
+        str, KeySpec("Code of who runs the session of --study, for the study's manifest: letters, digits and -.")
+    ] = "operator-1"
     save_layout: Annotated[
         Path | None,
         KeySpec("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
@@ -147,6 +151,14 @@ def serve(
     rig: Annotated[
         Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} The method hands needs it.")
     ] = None,
+    study: Annotated[
+        Path | None,
+        typer.Option(
+            "--study",
+            metavar="FOLDER",
+            help="Run a study's session, with its instructions, in this folder of `mocapella study new`.",
+        ),
+    ] = None,
     start: Annotated[list[str] | None, typer.Option("--start", metavar=START_FORM, help=START_HELP)] = None,
     file: Annotated[
         list[str] | None,
@@ -197,6 +209,7 @@ def serve(
             reserve_bytes=round(keys.reserve_gib * GIB),
             layout=None if keys.layout is None else load_layout_option(keys.layout),
             record=take,
+            study=None if study is None else open_study(study, keys.operator, record=take),
         )
         view_port = keys.view_port if view else None
         with live_session(server_settings, stop, view_port=view_port, link=link) as session:
@@ -218,6 +231,20 @@ def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:
     wait_while(session, keys.seconds, until=keeper.watch)
     keeper.save()
     return finish(session.server)
+
+
+def open_study(folder: Path, operator: str, *, record: Path | None) -> StudyStore:
+    """Open the folder of ``--study``.
+
+    Raises:
+        SettingsError: the operator's code is refused, or a take is to be recorded as well: a study records its own.
+        InputError: the folder is no study's, or cannot be read.
+    """
+    from mocapella.live.study_store import FolderStore
+
+    if record is not None:
+        raise SettingsError("--record and --study exclude each other: a study's session records its own takes")
+    return FolderStore(folder, operator)
 
 
 def load_layout_option(path: Path) -> SensorLayout:

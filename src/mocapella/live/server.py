@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -372,8 +372,14 @@ class Server:
         )
 
     def _end_take(self) -> None:
+        store, take = self._settings.study, Path(self._recording.health().path)
+
+        def keep(reply: CommandReply) -> None:
+            if store is not None:
+                store.keep(take)
+
         if self._recording.recorder is not None:
-            self._finish_take(lambda reply: None)
+            self._finish_take(keep)
 
     def _stop_recording(self, answer: Answer) -> None:
         if self._recording.recorder is None:
@@ -418,7 +424,7 @@ class Server:
         self._link.publish_status(msgspec.json.encode(status))
         recorder = self._recording.recorder
         if recorder is not None:
-            recorder.status(status, time.monotonic_ns())
+            recorder.status(replace(status, study=None), time.monotonic_ns())  # the events say more, in less room
 
     def _note(self, text: str) -> None:
         self._notices.add(text)

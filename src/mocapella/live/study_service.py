@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import MocapellaError, NotNowError, SettingsError, one_of
+from mocapella.errors import MocapellaError, NotNowError, SettingsError, TakeExistsError, one_of
 from mocapella.model.session import STUDY_EVENT, Setup
 from mocapella.model.study_status import FloorMap, MapPoint, PlannedPart, StudyStatus
 from mocapella.settings import parse
@@ -68,8 +68,11 @@ class StudyStore(Protocol):
             NotNowError: the participant has not consented, or has taken part.
         """
 
-    def take(self, state: StudyState) -> Path:
-        """Return the path of the take of the present placement."""
+    def take(self, state: StudyState, *, again: bool = False) -> Path:
+        """Return the path of the take of the present placement; with ``again`` of a further one."""
+
+    def keep(self, take: Path) -> None:
+        """Note a finished take; on any thread."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +262,10 @@ class StudyService:
         self._record(state)
 
     def _record(self, state: StudyState) -> None:
-        self._recording.record(self._store.take(state))
+        try:
+            self._recording.record(self._store.take(state))
+        except TakeExistsError:  # it was ended properly before the session was
+            self._recording.record(self._store.take(state, again=True))
         self._recorded = state.planned.placement.name
 
     def _take_up(self, state: StudyState, events: tuple[StudyEvent, ...]) -> None:

@@ -1,0 +1,117 @@
+"""A session in the study's folder: consent, going on, and what is never overwritten."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from mocapella.errors import InputError, NotNowError, SettingsError
+from mocapella.live.study_store import FolderStore
+from mocapella.studies.progress import StudyAction, StudyEvent, StudyState, advance, begin
+from mocapella.studies.protocol import plan
+from mocapella.studies.study_folder import give_consent, new_study, read_manifest, verify_study
+
+NOW = datetime(2026, 11, 30, 9, tzinfo=UTC)
+TOML = b"""
+title = "Standing"
+participants = { codes = ["P01", "P02"] }
+consent = "Two sensors record your joints."
+[[placements]]
+name = "right-45"
+number = 1
+[[tasks]]
+name = "stand"
+scenario = 1
+steps = [{ text = "Stand." }]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    study = new_study(tmp_path / "study", TOML, by="op-1", at=NOW)
+    give_consent(study, "P01", date(2026, 11, 30), by="op-1", at=NOW)
+    return study.path
+
+
+def store(folder: Path) -> FolderStore:
+    return FolderStore(folder, "op-1")
+
+
+def begun(one: FolderStore, code: str = "P01") -> tuple[StudyState, tuple[StudyEvent, ...]]:
+    return begin(code, plan(one.protocol, code), 1)
+
+
+def test_what_is_kept_goes_on_where_it_was(folder: Path) -> None:
+    first = store(folder)
+    assert first.load() is None
+    first.begin("P01")
+    state, events = begun(first)
+    first.save(state, events)
+    for action in ("next", "next"):
+        state, events = advance(state, StudyAction(action), state.at_ns + 5)  # type: ignore[arg-type]
+        first.save(state, events)
+    second = store(folder)
+    assert second.load() == state
+    assert second.notes == ()
+    again, events = advance(state, StudyAction("abort"), 100)
+    second.save(again, events)
+    assert store(folder).load() is None
+    with pytest.raises(NotNowError, match="has taken part, and a session is never overwritten; move"):
+        store(folder).begin("P01")
+
+
+def test_an_edited_protocol_is_said_and_the_stored_plan_goes_on(folder: Path) -> None:
+    first = store(folder)
+    state, events = begun(first)
+    first.save(state, events)
+    protocol = folder / "protocol.toml"
+    protocol.write_bytes(TOML.replace(b"Stand.", b"Sit."))
+    second = store(folder)
+    assert second.load() == state
+    assert [note for note in second.notes if "edited after the session began (tasks)" in note]
+    assert state.plan[0].task.steps[0].text == "Stand."
+
+
+def test_without_consent_to_the_present_text_nobody_begins(folder: Path) -> None:
+    with pytest.raises(NotNowError, match=r"P02 has not consented; after the consent: mocapella study consent .* P02"):
+        store(folder).begin("P02")
+    (folder / "protocol.toml").write_bytes(TOML.replace(b"joints", b"pictures"))
+    with pytest.raises(NotNowError, match="another text"):
+        store(folder).begin("P01")
+    with pytest.raises(SettingsError, match="P01, P02"):
+        store(folder).begin("P03")
+
+
+def test_takes_of_a_placement_have_names_of_their_own_and_come_into_the_manifest(folder: Path) -> None:
+    one = store(folder)
+    state, events = begun(one)
+    first = one.take(state)
+    assert first == folder / "participants" / "P01" / "right-45.mcap"
+    assert one.take(state, again=True).name == "right-45-again-1.mcap"
+    first.write_bytes(b"take")
+    (first.parent / "right-45-again-1.mcap").write_bytes(b"take")
+    assert one.take(state, again=True).name == "right-45-again-2.mcap"
+    one.save(state, events)
+    one.keep(first)
+    one.keep(first.parent / "right-45-again-1.mcap")
+    names = [Path(row.path).name for row in read_manifest(folder).files]
+    assert sorted(names) == [
+        "participant.json", "protocol.toml", "right-45-again-1.mcap", "right-45.mcap", "session.json",
+    ]  # fmt: skip
+    assert verify_study(folder).whole
+
+
+def test_a_damaged_session_and_a_wrong_operator_are_refused(folder: Path) -> None:
+    one = store(folder)
+    one.save(*begun(one))
+    (folder / "participants" / "P01" / "session.json").write_bytes(b"{")
+    with pytest.raises(InputError, match=r"session\.json"):
+        store(folder).load()
+    with pytest.raises(SettingsError, match="e-mail"):
+        FolderStore(folder, "ada@example.org")
+    with pytest.raises(InputError, match="mocapella study new"):
+        store(folder.parent)
+    assert msgspec.json.decode((folder / "manifest.json").read_bytes())
