@@ -64,6 +64,7 @@ BROWSERS = (
     "live/test_cameras_in_view.py",
     "live/test_camera_sliders_in_view.py",
     "live/test_board_calibration.py",
+    "live/test_study_session.py",
     "live/test_view_process.py",
     "examples/test_plugin.py::test_its_spots_are_in_the_view",
 )
