@@ -137,6 +137,12 @@ def test_each_participant_of_the_founding_study_has_the_number_of_its_logs() -> 
     assert {one.placement.number for one in plan(founding, "P20")} == {1}
 
 
+def test_the_protocol_in_the_document_is_one() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "studies-protocol.md").read_text(encoding="utf-8")
+    found = protocol_from_toml(text.split("```toml\n")[1].split("```")[0])
+    assert len(plan(found, "P12")) == 3
+
+
 def test_a_count_gives_codes() -> None:
     assert protocol_from_toml(SMALL).codes == ("P01", "P02")
     assert protocol_from_toml(SMALL.replace("count = 2", "count = 100")).codes[98:] == ("P099", "P100")

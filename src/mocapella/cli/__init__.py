@@ -98,6 +98,8 @@ def import_commands() -> None:
         session,
         silhouettes,
         status,
+        study,
+        study_protocol,
         take,
         train,
         triangulate,

@@ -33,6 +33,8 @@ app = typer.Typer(
 
     Record:  **mocapella record walk-1**; afterwards **mocapella replay walk-1** or **mocapella export csv walk-1**
 
+    Studies with participants:  **mocapella study new my-study**
+
     Check the installation and the devices:  **mocapella doctor**
 
     Sensors on other machines need a key:  **mocapella session invite sensor**

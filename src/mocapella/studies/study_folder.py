@@ -243,12 +243,17 @@ def add_files(
         if known is not None and known.sha256 == row.sha256:
             added.append(known)
             continue
-        if known is not None and file.name not in _CHANGING and not name.startswith(f"{RESULTS}/"):
+        if known is not None and not may_change(name):
             raise TakeExistsError(f"{file} is not the file that is in the manifest since {known.at}; {_FIX}")
         rows[name] = row
         added.append(row)
     write_manifest(study.path, rows.values())
     return tuple(added)
+
+
+def may_change(name: str) -> bool:
+    """Whether a file, by its path in the study's folder, changes as the study goes on; takes and logs never do."""
+    return name.rpartition("/")[2] in _CHANGING or name.startswith(f"{RESULTS}/")
 
 
 def write_manifest(path: Path, rows: Iterable[ManifestFile]) -> None:
