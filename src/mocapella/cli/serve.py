@@ -67,8 +67,9 @@ class ServeKeys:
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
     layout: Annotated[Path | None, LAYOUT] = None
     operator: Annotated[
-        str, KeySpec("Code of who runs the session of --study, for the study's manifest: letters, digits and -.")
-    ] = "operator-1"
+        str | None,
+        KeySpec("Your code for the manifest of --study, such as OP1; without it, the variable MOCAPELLA_OPERATOR."),
+    ] = None
     save_layout: Annotated[
         Path | None,
         KeySpec("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
@@ -233,17 +234,21 @@ def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:
     return finish(session.server)
 
 
-def open_study(folder: Path, operator: str, *, record: Path | None) -> StudyStore:
+def open_study(folder: Path, operator: str | None, *, record: Path | None) -> StudyStore:
     """Open the folder of ``--study``.
 
     Raises:
-        SettingsError: the operator's code is refused, or a take is to be recorded as well: a study records its own.
+        SettingsError: the operator's code is missing or refused, or a take is to be recorded as well: a study records
+            its own.
         InputError: the folder is no study's, or cannot be read.
     """
     from mocapella.live.study_store import FolderStore
 
     if record is not None:
         raise SettingsError("--record and --study exclude each other: a study's session records its own takes")
+    operator = operator or os.environ.get("MOCAPELLA_OPERATOR")
+    if not operator:
+        raise SettingsError("--study needs your code for the manifest: --set operator=OP1, or MOCAPELLA_OPERATOR=OP1")
     return FolderStore(folder, operator)
 
 

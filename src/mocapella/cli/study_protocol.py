@@ -156,8 +156,8 @@ def verify(
     with working(f"reading {folder} …", status=INTERRUPTED):
         found = verify_study(folder)
         if add is not None and not found.purging:
-            names = [*found.unknown, *filter(may_change, found.changed)]
-            files = [folder / name for name in names if not (folder / name).is_symlink()]
+            new = [*found.unknown, *filter(may_change, found.changed)]
+            files = [folder / name for name in new if not (folder / name).is_symlink()]
             say(f"{len(add_files(study, files, by=add, at=datetime.now(UTC)))} files added to the manifest")
             found = verify_study(folder)
     for what, names in (("missing", found.missing), ("changed", found.changed), ("not in the manifest", found.unknown)):

@@ -375,8 +375,12 @@ class Server:
         store, take = self._settings.study, Path(self._recording.health().path)
 
         def keep(reply: CommandReply) -> None:
-            if store is not None:
+            if store is None:
+                return
+            try:
                 store.keep(take)
+            except MocapellaError as error:
+                self._note(str(error))
 
         if self._recording.recorder is not None:
             self._finish_take(keep)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Final
 
-from mocapella.errors import NotNowError
+from mocapella.errors import NotNowError, RecordingError
 from mocapella.recording.disk import free_name
 from mocapella.studies.participants import check_code
 from mocapella.studies.progress import StudyEvent, StudyState
@@ -104,13 +106,24 @@ class FolderStore:
         return folder / f"{free_name(folder, f'{name}-again-1') if again else name}.mcap"
 
     def keep(self, take: Path) -> None:
-        """Put a finished take, and the sessions of the study, into the manifest.
+        """Put a finished take and its session into the manifest, and write the logs of the tasks that are finished.
+
+        A process of its own writes the logs, so that the next participant's results do not wait for it.
 
         Raises:
             MocapellaError: it cannot be written.
         """
         files = [take, take.parent / SESSION]
         add_files(self._study, [file for file in files if file.exists()], by=self._operator, at=datetime.now(UTC))
+        words = ["study", "logs", str(self._study.path.absolute()), "--by", self._operator]
+        done = subprocess.run(
+            [sys.executable, "-m", "mocapella", *words], stdin=subprocess.DEVNULL, capture_output=True, check=False
+        )
+        if done.returncode:
+            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise RecordingError(
+                f"no logs of tasks were written ({''.join(last)}); try again: mocapella {' '.join(words)}"
+            )
 
     def _check_consent(self, participant: str, file: Path) -> None:
         how = f"mocapella study consent {self._study.path} {participant} --given {date.today().isoformat()}"
