@@ -13,6 +13,7 @@ from support.walkers import Room, health, status
 from mocapella.model.condition_texts import UNFINISHED, WARNINGS
 from mocapella.model.scene import Phase, SensorPlace
 from mocapella.model.session import RecordingHealth, ServerHealth, Setup, UnknownEnd
+from mocapella.model.study_status import StudyStatus
 from mocapella.viewer.palette import AMBER, BLUE, RED, SensorColours
 from mocapella.viewer.readout import (
     condition_lines,
@@ -22,6 +23,7 @@ from mocapella.viewer.readout import (
     sensors_html,
     stage_text,
     status_html,
+    study_html,
 )
 
 NASTY = "<script>alert(1)</script><img src=x onerror='alert(2)'>\"&"
@@ -358,3 +360,13 @@ def test_what_is_wrong_with_the_server_itself_is_shown() -> None:
         assert said in text
     well = ServerHealth(disk_free_bytes=2_000_000_000, reserve_bytes=1_000_000_000)
     assert well.problems() == ()
+
+
+def test_the_study_is_named_as_text_and_leads_to_its_pages() -> None:
+    assert study_html(None) == ""
+    html = study_html(StudyStatus("Walking <about>", ("P01",)))
+    assert "Walking &lt;about&gt;" in html
+    assert "nobody takes part yet" in html
+    assert 'href="/study"' in html
+    assert 'href="/participant"' in html
+    assert "participant P01, running" in study_html(StudyStatus("t", ("P01",), "P01", phase="running"))

@@ -134,6 +134,7 @@ class Panel:
         self._headline = gui.add_html(readout.status_html(None) if commander else readout.run_html("", None, 0, 0, 0))
         served = commander is not None
         gui.add_html(readout.watching_html(), visible=served and not operates)
+        self._study = gui.add_html("", visible=False)
         self._progress = gui.add_progress_bar(0.0, visible=False, animated=True, color="blue")
         self._start = self._button("Start", "start", viser.Icon.PLAYER_PLAY, "teal")
         self._stop = self._button("Stop", "stop", viser.Icon.PLAYER_STOP, "gray")
@@ -205,6 +206,8 @@ class Panel:
             set_value(self._name, name)
         self._status = status
         self._headline.content = self._headline_html(status, moment)
+        self._study.content = readout.study_html(None if status is None else status.study)
+        self._study.visible = bool(self._study.content)
         percent = progress_percent(status)
         self._progress.visible = percent is not None
         set_value(self._progress, percent or 0.0)

@@ -13,6 +13,7 @@ from mocapella.model.names import plural
 from mocapella.model.part_types import PART_TYPES
 from mocapella.model.scene import Person, Phase, Scene, SensorPlace
 from mocapella.model.session import RecordingHealth, SensorHealth, SessionStatus
+from mocapella.model.study_status import StudyStatus
 from mocapella.viewer.palette import AMBER, BLUE, GREEN, GREY, RED, Rgb, SensorColours, person_colour
 
 _GREEN, _AMBER, _BLUE, _RED, _GREY = (colour.css for colour in (GREEN, AMBER, BLUE, RED, GREY))
@@ -168,6 +169,18 @@ def recording_html(recording: RecordingHealth | None) -> str:
     faults = filter(None, (recording.problem, *map(str, recording.unknown)))
     problem = "".join(f'<div style="color:{_RED}">{escape(fault)}</div>' for fault in faults)
     return _note(f"<div>{headline}</div><div>{facts} · {lost}</div>{problem}", "inherit")
+
+
+def study_html(study: StudyStatus | None) -> str:
+    """Return the line about the study that the session runs, with links to its pages; empty if it runs none."""
+    if study is None:
+        return ""
+    who = f"participant {study.participant}, {study.phase}" if study.participant else "nobody takes part yet"
+    links = ", ".join(
+        f'<a href="/{page}" target="_blank" style="color:#5eb0ff">{name}</a>'
+        for page, name in (("study", "researcher's page"), ("participant", "participant's screen"))
+    )
+    return _note(f"<div>Study <b>{escape(study.title)}</b>: {escape(who)}</div><div>{links}</div>", "inherit")
 
 
 def watching_html() -> str:
