@@ -44,6 +44,8 @@ FAULTS: Final = (ValueError, TypeError, LookupError, ArithmeticError, AttributeE
 
 _PIECE: Final = 1 << 20
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_ZSTD_PIECE: Final = 1 << 10
+"""Packed bytes that are unpacked at once; they have at most about 250 blocks of 128 KiB."""
 _ESCAPED: Final = re.compile(rb"(?s)\\.")
 _STRING: Final = re.compile(rb'"[^"]*"?')
 _ROUND: Final = bytes.maketrans(b"{}", b"[]")
@@ -367,28 +369,15 @@ def _inflated(data: bytes | mmap.mmap, at: int, most_bytes: int, window: int = 3
 def _unpacked_zstd(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:
     import zstandard
 
-    found, size = [], 0
-    source: Any = _From(data, at)
-    reader = zstandard.ZstdDecompressor().stream_reader(source)
+    reader, found, size = zstandard.ZstdDecompressor().decompressobj(), [], 0
     try:
-        while size < most_bytes and (piece := reader.read(min(_PIECE, most_bytes - size))):
-            found.append(piece)
-            size += len(piece)
+        while not reader.eof and size < most_bytes and at < len(data):
+            found.append(reader.decompress(data[at : at + _ZSTD_PIECE]))
+            size += len(found[-1])
+            at += _ZSTD_PIECE
     except zstandard.ZstdError:
         return b"".join(found), False
-    return b"".join(found), True
-
-
-class _From(io.RawIOBase):
-    """A file of the bytes from a place on."""
-
-    def __init__(self, data: bytes | mmap.mmap, at: int) -> None:
-        self._data, self._at = data, at
-
-    def read(self, size: int = -1) -> bytes:
-        piece = self._data[self._at : self._at + size]
-        self._at += len(piece)
-        return piece
+    return b"".join(found)[:most_bytes], reader.eof or size >= most_bytes
 
 
 def _unzipped(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:

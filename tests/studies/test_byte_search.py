@@ -56,6 +56,18 @@ def test_another_participants_code_is_none(tmp_path: Path) -> None:
     assert found(tmp_path, b"a P07-2 b", others={"P07-2"}) == []
 
 
+@pytest.mark.parametrize("compression", ["zstd", "gzip", "uncompressed"])
+@pytest.mark.parametrize("typed", ["String", "Enum"])
+def test_cells_of_a_parquet_table_are_found(tmp_path: Path, compression: str, typed: str) -> None:
+    polars = pytest.importorskip("polars")
+    for code, wanted in ((CODE, ["code"]), ("P08", [])):
+        words = [f"some text {number}" for number in range(200)] + [code]
+        kind = polars.Enum(words) if typed == "Enum" else polars.String
+        table = polars.DataFrame({"who": polars.Series(words * 3, dtype=kind)})
+        table.write_parquet(tmp_path / "t.parquet", compression=compression, statistics=False)
+        assert sorted({trace.what for trace in search(tmp_path, CODE).traces}) == wanted
+
+
 def test_names_of_files_and_folders_are_searched(tmp_path: Path) -> None:
     (tmp_path / "x" / "P07").mkdir(parents=True)
     (tmp_path / "x" / "P07" / "a").touch()
