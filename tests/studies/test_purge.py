@@ -168,9 +168,22 @@ def test_what_is_left_is_found_and_named(tmp_path: Path) -> None:
     }
 
 
-def test_a_checksum_of_a_removed_take_is_found(tmp_path: Path) -> None:
+def test_the_new_code_in_the_protocol_has_a_number_of_its_own(tmp_path: Path) -> None:
+    taken = int(SALT[:12], 16) % 900_000_000 + 100_000_000
+    study = make(tmp_path / "s", protocol_bytes("kinectmultitrack").replace(b'"P22"', f'"Y{taken}"'.encode()))
+    remove(study.path)
+    assert {f"X{taken + 1}", f"Y{taken}"} <= {*open_study(study.path).protocol.codes}
+
+
+@pytest.mark.parametrize("where", ["manifest and disk", "manifest", "disk"])
+def test_a_checksum_of_a_removed_take_is_found(tmp_path: Path, where: str) -> None:
     study = make(tmp_path / "s")
-    checksum = checksum_of(study.path / "participants" / "P07" / "walk.mcap")
+    take = study.path / "participants" / "P07" / ("new.mcap" if where == "disk" else "walk.mcap")
+    if where == "disk":
+        take.write_bytes(b"not in the manifest yet")
+    checksum = checksum_of(take)
+    if where == "manifest":
+        take.unlink()
     (study.path / "list.txt").write_text(f"{checksum}  walk.mcap\n")
     assert [trace.what for trace in remove(study.path).search.traces] == ["checksum"]
 

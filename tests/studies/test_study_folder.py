@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -87,6 +88,17 @@ def test_each_kind_of_fault_is_named(study: StudyFolder) -> None:
     assert check.changed == ("participants/P07/b.mcap", "participants/P07/c.mcap")
     assert check.unknown == ("participants/P08/new.mcap",)
     assert not check.whole
+
+
+def test_a_link_to_equal_bytes_and_what_is_no_file_are_changes(study: StudyFolder, tmp_path: Path) -> None:
+    files = [take_of(study, name=name) for name in ("a.mcap", "b.mcap")]
+    add_files(study, files, by="Op1", at=NOW)
+    (tmp_path / "equal").write_bytes(b"take")
+    for file in files:
+        file.unlink()
+    files[0].symlink_to(tmp_path / "equal")
+    os.mkfifo(files[1])
+    assert verify_study(study.path).changed == ("participants/P07/a.mcap", "participants/P07/b.mcap")
 
 
 @given(data=st.binary(min_size=1, max_size=50), place=st.integers(0, 49), bit=st.integers(0, 7))

@@ -196,6 +196,8 @@ def test_next_does_not_end_a_task_before_its_minimum_unless_forced() -> None:
 def test_a_timed_last_step_lasts_until_the_minimum() -> None:
     state, _ = after(session(task("a", Instruction("Stand.", 1.0), minimum_s=5))[0], (NEXT, 0), (NEXT, 0))
     assert due_ns(state) == 5 * S
+    paused, _ = after(state, (PAUSE, 2), (RESUME, 8))
+    assert due_ns(paused) == 13 * S
 
 
 def test_a_pause_does_not_count() -> None:
@@ -214,6 +216,11 @@ def test_a_repeated_task_replaces_the_earlier_attempt() -> None:
     state, events = after(session(task())[0], *begun, (REPEAT, 1), (ABORT, 1))
     assert valid_runs(events) == ()
     assert state.phase == "aborted"
+
+
+def test_a_repeated_task_begins_with_its_first_step_and_no_time() -> None:
+    state, _ = after(session(task())[0], (NEXT, 1), (NEXT, 1), (WAIT, 5), (REPEAT, 1))
+    assert (state.phase, state.step, ran_ns(state), state.attempt) == ("instruction", 0, 0, 2)
 
 
 def test_a_clock_that_is_set_back_is_the_last_known_time() -> None:

@@ -25,7 +25,7 @@ from mocapella.studies.protocol import plan, protocol_bytes
 from mocapella.studies.state_file import SavedSession, load_session, new_session, save_session
 from mocapella.studies.study_folder import StudyFolder, new_study, verify_study
 from mocapella.studies.task_log import task_scenes, write_logs
-from mocapella.studies.task_runs import valid_runs
+from mocapella.studies.task_runs import TaskRun, valid_runs
 
 polars = pytest.importorskip("polars")
 NOW = datetime(2026, 11, 30, 9, tzinfo=UTC)
@@ -151,6 +151,21 @@ def test_a_log_whose_writing_was_interrupted_is_written_anew(study: StudyFolder)
     logs.mkdir()
     (logs / "001-right-45-stationary-1.people.parquet").write_bytes(b"half")
     assert len(write(study)[0].files) == 3
+    assert verify_study(study.path).whole
+
+
+def test_a_span_has_its_first_time_and_not_its_last(study: StudyFolder) -> None:
+    take = read_take(study.path / "participants" / "P07" / "parallel.mcap")
+    times = [scene.at_ns + START for _, scene in take.scenes()]
+    run = TaskRun("P07", 0, "right-45", "walk", 3, 1, 1, ((times[5], times[9]),), finished=True)
+    assert [unix_ns for _, unix_ns, _, _ in task_scenes(take, run)] == times[5:9]
+
+
+def test_a_later_file_of_an_interrupted_take_is_not_a_take_of_its_own(study: StudyFolder) -> None:
+    folder = study.path / "participants" / "P07"
+    (folder / "parallel.part2.mcap").write_bytes((folder / "parallel.mcap").read_bytes())
+    act(study, *TWO_TASKS)
+    assert len(write(study)) == 2
     assert verify_study(study.path).whole
 
 
