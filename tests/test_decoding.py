@@ -21,6 +21,7 @@ from mocapella.decoding import (
     DEEPEST,
     MOST_COLUMNS,
     MOST_LINE,
+    FileBytes,
     check_filled,
     convert,
     decode_csv,
@@ -236,3 +237,15 @@ def test_any_bytes_can_be_searched(data: bytes) -> None:
         for at, contents in unpacked_streams(data + mark + data, 1 << 16):
             assert 0 <= at < len(data) + len(mark) + len(data)
             assert contents
+
+
+@given(st.binary(max_size=40), st.binary(min_size=1, max_size=4), st.integers(0, 45), st.integers(1, 6))
+def test_a_file_is_searched_like_its_bytes(data: bytes, text: bytes, start: int, size: int) -> None:
+    with tempfile.TemporaryFile() as file, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(decoding, "_PIECE", size)
+        file.write(data + text[:2])
+        content = FileBytes(file)
+        for wanted in (text, data[3:6] or b"x"):
+            assert content.find(wanted, start) == (data + text[:2]).find(wanted, start)
+        assert content[start : start + size] == (data + text[:2])[start : start + size]
+        assert len(content) == len(data + text[:2])

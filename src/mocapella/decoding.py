@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-import mmap
 import re
 import tomllib
 import zlib
@@ -332,13 +331,53 @@ def text_blocks(path: Path, *, fix: str) -> Iterator[str]:
         yield rest.rstrip()
 
 
-def unpacked_streams(data: bytes | mmap.mmap, most_bytes: int) -> Iterator[tuple[int, bytes | None]]:
+class FileBytes:
+    """The bytes of an open file, of any size, as far as a search needs them; not mapped to memory.
+
+    A mapped file that another program cuts meanwhile ends the process; here, the bytes are only missing.
+
+    Args:
+        file: the file, open for reading.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = file.seek(0, io.SEEK_END)
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, place: slice) -> bytes:
+        """Return the bytes of a slice without a step.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        first, last, _ = place.indices(self._size)
+        self._file.seek(first)
+        return self._file.read(max(0, last - first))
+
+    def find(self, text: bytes, start: int = 0) -> int:
+        """Return the first place of a text from ``start`` on; −1 if there is none.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        while start < self._size:
+            found = self[start : start + _PIECE + len(text) - 1].find(text)
+            if found >= 0:
+                return start + found
+            start += _PIECE
+        return -1
+
+
+def unpacked_streams(data: bytes | FileBytes, most_bytes: int) -> Iterator[tuple[int, bytes | None]]:
     """Yield (offset, contents) of each compressed stream in bytes of any format: gzip, zstd, deflated files of a zip.
 
     So the contents of ``.gz`` and ``.zst`` files, of zips, and of chunks and pages of MCAP and Parquet are found alike.
 
     Args:
-        data: the bytes, or a file of any size mapped to memory.
+        data: the bytes, or a file of any size.
         most_bytes: largest unpacked size [bytes]; the contents of a larger stream are None. Of a stream that is
             damaged, the readable part is yielded if it is at the beginning of the data, and nothing elsewhere, because
             a stream's first bytes also occur by chance.
@@ -352,7 +391,7 @@ def unpacked_streams(data: bytes | mmap.mmap, most_bytes: int) -> Iterator[tuple
             at = data.find(mark, at + 1)
 
 
-def _inflated(data: bytes | mmap.mmap, at: int, most_bytes: int, window: int = 31) -> tuple[bytes, bool]:
+def _inflated(data: bytes | FileBytes, at: int, most_bytes: int, window: int = 31) -> tuple[bytes, bool]:
     """Return the first ``most_bytes`` of a deflated stream, and whether it goes on to its end or to more than these."""
     reader, found, size = zlib.decompressobj(window), [], 0
     try:
@@ -366,7 +405,7 @@ def _inflated(data: bytes | mmap.mmap, at: int, most_bytes: int, window: int = 3
     return b"".join(found), reader.eof or size >= most_bytes
 
 
-def _unpacked_zstd(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:
+def _unpacked_zstd(data: bytes | FileBytes, at: int, most_bytes: int) -> tuple[bytes, bool]:
     import zstandard
 
     reader, found, size = zstandard.ZstdDecompressor().decompressobj(), [], 0
@@ -380,7 +419,7 @@ def _unpacked_zstd(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[b
     return b"".join(found)[:most_bytes], reader.eof or size >= most_bytes
 
 
-def _unzipped(data: bytes | mmap.mmap, at: int, most_bytes: int) -> tuple[bytes, bool]:
+def _unzipped(data: bytes | FileBytes, at: int, most_bytes: int) -> tuple[bytes, bool]:
     head = data[at : at + 30]
     if len(head) < 30 or head[8] != 8:  # stored files are found in the bytes themselves
         return b"", False

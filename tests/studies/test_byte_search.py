@@ -41,12 +41,14 @@ def test_content_is_unpacked_wherever_it_is_in_a_file(tmp_path: Path, inner: str
     assert found(tmp_path, b"head" + PACKED[outer](b"\x01" + PACKED[inner](b'{"code":"P08"}'))) == []
 
 
-@pytest.mark.parametrize("data", [b"\x03P07x", b"\x03\0\0\0P07x", b"P07", b"a/P07/b", b"P07-walk.csv", b"study-P07"])
+@pytest.mark.parametrize(
+    "data", [b"\x03P07x", b"\x03\0\0\0P07x", b"P07", b"a/P07/b", b"P07-walk.csv", b"study-P07", "«P07»".encode()]
+)
 def test_words_names_and_texts_of_binary_formats_are_found(tmp_path: Path, data: bytes) -> None:
     assert found(tmp_path, data) == ["code"]
 
 
-@pytest.mark.parametrize("data", [b"P070", b"XP07", b"xP07y", b"p07", b"P0 7", b""])
+@pytest.mark.parametrize("data", [b"P070", b"XP07", b"xP07y", b"p07", b"P0 7", b"\xff P07\x91", b"\x91P07 ", b""])
 def test_another_word_is_none(tmp_path: Path, data: bytes) -> None:
     assert found(tmp_path, data) == []
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import os
 import string
 from collections.abc import Collection, Iterator, Sequence
@@ -11,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from mocapella.decoding import unpacked_streams
+from mocapella.decoding import FileBytes, unpacked_streams
 from mocapella.errors import InputError
 
 MOST_UNPACKED: Final = 1 << 28
@@ -57,8 +56,9 @@ def search(
 ) -> SearchReport:
     """Search the names and all bytes of a folder's files.
 
-    A code counts where it is a word of its own, also before or after a hyphen; in binary content, also where a byte or
-    four bytes before it give its length, as in protobuf, MCAP and Parquet. Streams of gzip, zstd and zip are unpacked.
+    A code counts where it is a word of its own between characters of a text, also before or after a hyphen; and where
+    a byte or four bytes before it give its length, as in protobuf, MCAP and Parquet. Streams of gzip, zstd and zip are
+    unpacked.
 
     Args:
         folder: the folder.
@@ -99,17 +99,15 @@ def files_of(folder: Path) -> list[Path]:
 
 def _in_file(path: Path, code: bytes, checksums: Sequence[str], others: Collection[str]) -> Iterator[tuple[str, str]]:
     """Yield (place, what); an empty ``what`` for what is too large to unpack."""
-    if not path.stat().st_size:
-        return
     try:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            yield from _in_bytes(data, code, checksums, others)
+        with path.open("rb") as file:
+            yield from _in_bytes(FileBytes(file), code, checksums, others)
     except OSError as error:
         raise InputError(f"cannot be searched: {error.strerror}", file=path, fix="check its permissions") from error
 
 
 def _in_bytes(
-    data: bytes | mmap.mmap, code: bytes, checksums: Sequence[str], others: Collection[str], depth: int = 0
+    data: bytes | FileBytes, code: bytes, checksums: Sequence[str], others: Collection[str], depth: int = 0
 ) -> Iterator[tuple[str, str]]:
     byte = "byte" if depth == 0 else "unpacked byte"
     yield from ((f"{byte} {at}", what) for at, what in _found(data, code, checksums, others))
@@ -124,7 +122,7 @@ def _in_bytes(
 
 
 def _found(
-    data: bytes | mmap.mmap, code: bytes, checksums: Sequence[str], others: Collection[str]
+    data: bytes | FileBytes, code: bytes, checksums: Sequence[str], others: Collection[str]
 ) -> Iterator[tuple[int, str]]:
     at = data.find(code)
     while at >= 0:
@@ -137,13 +135,25 @@ def _found(
             yield at, "checksum"
 
 
-def _is_word(data: bytes | mmap.mmap, at: int, length: int, others: Collection[str]) -> bool:
+def _is_letter(data: bytes) -> bool:
+    """Whether bytes are one character of a text in UTF-8, also white space or the NUL that ends a text."""
+    try:
+        text = data.decode()
+    except UnicodeDecodeError:
+        return False
+    return len(text) == 1 and (text.isprintable() or text in "\0\t\n\r")
+
+
+def _is_word(data: bytes | FileBytes, at: int, length: int, others: Collection[str]) -> bool:
     """Whether the text of a length at a place stands for itself and is no part of a longer word or of another code."""
     before, after = data[max(0, at - 13) : at], data[at + length : at + length + 13]
     if before[-1:] == bytes([length]) or before[-4:] == length.to_bytes(4, "little"):
         return True
     if (before and before[-1] in _OF_WORDS) or (after and after[0] in _OF_WORDS):
         return False
+    ends, begins = (before[-size:] for size in range(1, 5)), (after[:size] for size in range(1, 5))
+    if not ((not before or any(map(_is_letter, ends))) and (not after or any(map(_is_letter, begins)))):
+        return False  # three letters among numbers or in an image
     first, last = len(before), 0
     while first and before[first - 1] in _OF_CODES:
         first -= 1
