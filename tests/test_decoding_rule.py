@@ -53,7 +53,6 @@ ALLOWED = {
     "recording/body_csv.py: np.loadtxt": "of blocks that `decoding` has read",
     "recording/study_log.py: csv.reader": "of blocks that `decoding` has read",
     "recording/study_log.py: gzip.GzipFile": "writes",
-    "recording/study_log.py: np.loadtxt": "of blocks that `decoding` has read",
     "sensing/images.py: cv2.imdecode": "the door of images: reads the header first",
     "sources/simulate/measured.py: read_bytes": "reads a file of this program",
     "tracker/limb_recovery.py: json.loads": "a generator's state has integers of 128 bits; `recalling` guards it",

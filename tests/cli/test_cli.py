@@ -63,6 +63,7 @@ VERBS = [
     ["status"],
     ["view"],
     ["doctor"],
+    ["study", "analyze"],
     ["lab", "evaluate", "kinectmultitrack"],
     ["lab", "evaluate", "simulation"],
     ["lab", "evaluate", "charuco"],
@@ -95,6 +96,8 @@ VERBS = [
     ["lab", "tune", "one-euro"],
     ["calibrate", "hand"],
 ]
+HIDDEN = {"lab"}
+"""Of these, what `mocapella --help` does not list: it is for authors of methods, whose documents name it."""
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -120,7 +123,7 @@ def test_every_verb_is_in_this_list() -> None:
             groups.setdefault(" ".join(verb[:length]), set()).add(name)
     for group, names in groups.items():
         shown = help_of(*group.split())
-        assert set(re.findall(r"^│ ([a-z][a-z0-9-]*) ", shown, flags=re.MULTILINE)) == names
+        assert set(re.findall(r"^│ ([a-z][a-z0-9-]*) ", shown, flags=re.MULTILINE)) == names - HIDDEN
 
 
 def test_the_version_is_ours_and_the_schemas(tmp_path: Path) -> None:

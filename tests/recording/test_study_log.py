@@ -410,9 +410,22 @@ def test_two_numbers_in_one_quoted_cell_are_not_taken_apart(tmp_path: Path, text
     assert "row 3: the row has 86 fields" in _refusal(examples.saved(tmp_path, "\n".join(lines)))
 
 
-def test_a_number_with_many_spaces_before_it_is_refused_rather_than_cut_off(tmp_path: Path, text: str) -> None:
-    padded = examples.edited(text, 3, "Skeleton_Time", " " * 22 + "12345")
-    assert "the rows cannot be read" in _refusal(examples.saved(tmp_path, padded))
+def test_a_number_with_many_spaces_around_it_is_not_cut_off(tmp_path: Path, text: str) -> None:
+    padded = examples.edited(text, 3, "Skeleton_Time", " " * 22 + "12345" + " " * 30)
+    assert read_study_log(examples.saved(tmp_path, padded)).skeleton_time_ticks[1] == 12345
+
+
+_decimals = st.from_regex(r"[+-]?([0-9]{1,20}(\.[0-9]{0,20})?|\.[0-9]{1,20})([eE][+-]?[0-9]{1,2})?", fullmatch=True)
+
+
+@settings(quick, max_examples=100)
+@given(cells=st.lists(_decimals, min_size=1, max_size=8))
+def test_any_decimal_is_rounded_once_as_by_python(tmp_path: Path, text: str, cells: list[str]) -> None:
+    for row, cell in enumerate(cells, start=2):
+        text = examples.edited(text, row, "Skeleton_Init_Angle", cell)
+    found = read_study_log(examples.saved(tmp_path, text)).init_angle[: len(cells)]
+    wanted = [np.nan if float(cell) == -9999 else float(cell) for cell in cells]
+    np.testing.assert_array_equal(found.view(np.int64), np.array(wanted).view(np.int64))
 
 
 @settings(quick, max_examples=150)
@@ -525,8 +538,11 @@ def test_an_id_that_cannot_stand_in_a_cell(tmp_path: Path, kinect: str) -> None:
 def test_what_the_fast_and_the_slow_pass_disagree_on_is_still_refused(
     tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(study_log, "_culprit", lambda *_: None)
-    path = examples.saved(tmp_path, examples.edited(text, 5, "Head_X", "abc"))
+    def fails(*_: Any) -> StudyLog:
+        raise ValueError("for no reason")
+
+    monkeypatch.setattr(study_log, "_parse", fails)
+    path = examples.saved(tmp_path, text)
     assert "the rows cannot be read" in _refusal(path)
 
 
@@ -556,3 +572,75 @@ def test_a_packed_log_of_one_long_line_is_refused(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(b"1" * (1 << 20)) * 1500)
     with pytest.raises(InputError, match="has a line of more than"):
         read_study_log(path)
+
+
+# Blocks
+
+
+def blocks_of(path: Path) -> tuple[list[StudyLog], list[InputError], InputError | None]:
+    """The blocks, the errors of rows that were left out, and the error at the end."""
+    blocks, left_out, end = [], list[InputError](), None
+    try:
+        for block in study_log.study_log_blocks(path, left_out.append):
+            blocks.append(block)
+    except InputError as error:
+        end = error
+    return blocks, left_out, end
+
+
+def test_invalid_rows_are_left_out_with_the_rows_numbers(tmp_path: Path, text: str) -> None:
+    for row in (3, 4, 9):
+        text = examples.edited(text, row, "Head_X", "abc")
+    (block,), left_out, end = blocks_of(examples.saved(tmp_path, text))
+    assert [error.row for error in left_out] == [3, 4, 9]
+    assert examples.same(block, examples.Rows().take([0, 3, 4, 5, 6]).log())
+    assert end is None
+    all_bad = examples.saved(tmp_path, "\n".join([text.split("\n")[0], *["x"] * 5]))
+    blocks, left_out, end = blocks_of(all_bad)
+    assert (blocks, len(left_out), end) == ([], 5, None)
+
+
+def test_a_file_of_too_many_invalid_rows_is_read_up_to_them(tmp_path: Path, text: str) -> None:
+    most = study_log.MOST_LEFT_OUT
+    (block,), left_out, end = blocks_of(examples.saved(tmp_path, text + "x\n" * (most + 5)))
+    assert (len(block), len(left_out)) == (8, most)
+    assert end is not None
+    assert end.row == 10 + most
+    header = text.split("\n", maxsplit=1)[0] + "\n"
+    blocks, left_out, end = blocks_of(examples.saved(tmp_path, header + "x\n" * (most + 5)))
+    assert (blocks, len(left_out)) == ([], most)
+    assert end is not None
+
+
+def test_an_invalid_row_beside_quotation_marks_is_not_left_out(tmp_path: Path, text: str) -> None:
+    quoted = examples.edited(text.replace(examples.SIDE, f'"{examples.SIDE}"'), 3, "Head_X", "abc")
+    blocks, left_out, end = blocks_of(examples.saved(tmp_path, quoted))
+    assert (blocks, left_out) == ([], [])
+    assert end is not None
+    assert end.row == 3
+
+
+def test_rows_that_cannot_be_read_for_no_row_s_fault(
+    tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> StudyLog:
+        raise ValueError("for no reason")
+
+    monkeypatch.setattr(study_log, "_parse", fails)
+    path = examples.saved(tmp_path, text)
+    assert "the rows cannot be read" in _refusal(path)
+    blocks, left_out, end = blocks_of(path)
+    assert (blocks, left_out) == ([], [])
+    assert end is not None
+
+
+def test_what_precedes_the_damage_of_a_compressed_log_is_read(tmp_path: Path, text: str) -> None:
+    header, _, rows = text.partition("\n")
+    packed = gzip.compress((header + "\n" + rows * 300).encode())
+    for cut in (len(packed) // 2, 40):
+        blocks, left_out, end = blocks_of(examples.saved(tmp_path, packed[:cut], "log.csv.gz"))
+        assert left_out == []
+        assert end is not None
+        assert "end early" in end.problem
+        assert all(block.study_id.tolist() == [7] * len(block) for block in blocks)
+        assert bool(blocks) == (cut > 40)

@@ -17,7 +17,7 @@ REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "e
 LIVE: Final = "Track live"
 RECORDINGS: Final = "Recordings and files"
 SET_UP: Final = "Set up"
-RESEARCH: Final = "Method research"
+RESEARCH: Final = "Research"
 
 app = typer.Typer(
     name="mocapella",
@@ -97,6 +97,13 @@ take_app = typer.Typer(
     Example:  mocapella take check walk-1
     """,
 )
+study_app = typer.Typer(
+    no_args_is_help=True,
+    help="""Plan a study with participants, keep its recordings in order, and analyse them.
+
+    Example:  mocapella study new my-study --by OP1
+    """,
+)
 lab_app = typer.Typer(
     no_args_is_help=True,
     help="""Evaluate, train and tune tracking methods, and study depth images.
@@ -120,7 +127,10 @@ app.add_typer(take_app, name="take", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)
 app.add_typer(session_app, name="session", hidden=True)  # only for several machines; serve names it
 app.add_typer(calibrate_app, name="calibrate", rich_help_panel=SET_UP)
-app.add_typer(lab_app, name="lab", rich_help_panel=RESEARCH)
+app.add_typer(study_app, name="study", rich_help_panel=RESEARCH)
+app.add_typer(
+    lab_app, name="lab", hidden=True
+)  # for authors of methods; docs/evaluation.md and docs/extending.md name it
 calibrate_app.add_typer(colours_app, name="colours")
 lab_app.add_typer(evaluate_app, name="evaluate")
 lab_app.add_typer(train_app, name="train")

@@ -10,8 +10,8 @@ import msgspec
 import typer
 
 from mocapella.cli import INTERRUPTED
+from mocapella.cli.app import study_app
 from mocapella.cli.common import JsonOut, console, say, working, write_json
-from mocapella.cli.study import study_app
 from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:

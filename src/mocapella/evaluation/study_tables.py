@@ -12,12 +12,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.evaluation.scored_views import TOPOLOGY
+from mocapella.model.topology import topology
 
 Float64 = NDArray[np.float64]
 
+_KINECT = topology("kinect_v2")
 _TORSO_JOINTS = ("SpineBase", "SpineMid", "SpineShoulder", "Neck", "Head", "HipLeft", "HipRight")
-TORSO: Final = tuple(TOPOLOGY.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
+TORSO: Final = tuple(_KINECT.index(joint) for joint in (*_TORSO_JOINTS, "ShoulderLeft", "ShoulderRight"))
 MAX_WANDER: Final = 3.0
 """Largest `wander_m_per_min` of a valid row; fits to single frames wander more [m/min]."""
 _CM: Final = 100.0
@@ -106,12 +107,14 @@ def figures(scored: Sequence[Scored], repaired: bool) -> dict[str, Any]:
 
 def _figure(means: Float64) -> dict[str, float]:
     """Return the figures of means (participants, joints) [m] in cm, see `figures`."""
-    by_joint = means.mean(axis=0)
-    return {
-        "mean": float(by_joint.mean() * _CM),
-        "std": float(by_joint.std(ddof=1) * _CM),
-        "worst_participant": float(means.mean(axis=1).max() * _CM),
-    }
+    mean, std = mean_and_std(means.mean(axis=0))
+    return {"mean": mean, "std": std, "worst_participant": float(means.mean(axis=1).max() * _CM)}
+
+
+def mean_and_std(values: Float64) -> tuple[float, float]:
+    """Return the mean and the standard deviation (N − 1) of values (n,) [m] in cm; NaN of too few values."""
+    mean = float(values.mean() * _CM) if len(values) else float("nan")
+    return mean, float(values.std(ddof=1) * _CM) if len(values) > 1 else float("nan")
 
 
 def row(scored: Sequence[Scored], as_logged: Count) -> dict[str, Any]:

@@ -69,7 +69,7 @@ def rows_of(
     """
     rows = []
     for person in scene.people:
-        views = _reference_first(person, reference)
+        views = reference_first(person, reference)
         for skeleton_id, view in enumerate(views):
             T_reference_world = rigid.inverse(views[0].T_world_sensor)
             positions = rigid.apply(T_reference_world, view.positions)
@@ -88,7 +88,7 @@ def rows_of(
                     kinect_id=(kinect_ids or {}).get(view.sensor, view.sensor),
                     tilt_deg=round(float(np.degrees(view.tilt)), 6),
                     height_cm=round(100 * view.height, 6) if view.height else np.nan,
-                    positions=_as_logged(positions, scene.topology),
+                    positions=as_logged(positions, scene.topology),
                 )
             )
     return rows
@@ -180,13 +180,14 @@ class _Counting:
             raise SettingsError(f"no result has a view of the reference sensor {self._reference!r}; there are {known}")
 
 
-def _reference_first(person: Person, reference: str | None) -> tuple[PotentialSkeleton, ...]:
+def reference_first(person: Person, reference: str | None) -> tuple[PotentialSkeleton, ...]:
+    """Return a person's views, that of the sensor ``reference`` first, if there is one."""
     first = None if reference is None else person.view_of(reference)
     return person.views if first is None else (first, *(view for view in person.views if view is not first))
 
 
-def _as_logged(positions: NDArray[np.float64], topology: Topology) -> NDArray[np.float32]:
-    """Convert (joints, 3) of any topology to the log's (25, 3) float32, by the joints' names."""
+def as_logged(positions: NDArray[np.float64], topology: Topology) -> NDArray[np.float32]:
+    """Return (joints, 3) of any topology as the log's (25, 3) float32, by the joints' names."""
     if topology.joints == TOPOLOGY.joints:
         return positions.astype(np.float32)
     logged = np.full((len(TOPOLOGY), 3), np.nan, dtype=np.float32)

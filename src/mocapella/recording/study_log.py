@@ -1,7 +1,7 @@
 """Read and write the study log: comma-separated text, 87 columns, plain or gzip-compressed (docs/study-log.md).
 
-Columns are found by name, because the known files have three headers. All numbers are parsed at once; only if that
-fails, a second, slow pass finds the row and the field of the error.
+Columns are found by name, because the known files have three headers. A compiled kernel parses all numbers of a block
+at once; only if that fails, a second, slow pass finds the row and the field of the error.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import gzip
 import io
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -27,11 +28,12 @@ from mocapella.model.study_log import TITLES, StudyLog, StudyRow
 from mocapella.model.whole_file import usual_mode
 from mocapella.recording import disk
 from mocapella.recording import study_columns as columns
+from mocapella.recording.study_row_kernels import FLOAT, INTEGER, TEXT, place_joints, read_rows
 
 _TIME: Final = "Tracker_Time"
 """A title that all study logs have, and no other table."""
-_INTEGER_WIDTH: Final = 24
-"""Longest cell of a number, in characters; the longest 64-bit number has 20."""
+_FIRST_PIECE: Final = 1 << 14
+"""Number of bytes to read at once for a first row."""
 _FARTHEST: Final = abs(NOT_AVAILABLE)
 """Largest coordinate, below the code of a missing one [m]."""
 _AT_THE_LENS: Final = 1e-6
@@ -41,9 +43,18 @@ _AT_THE_LENS: Final = 1e-6
 def is_study_log(path: Path) -> bool:
     """Whether the first row of a table is that of a study log; False if it cannot be read."""
     try:
-        return _TIME in next(text_blocks(path, fix=_WANTED), "").partition("\n")[0]
+        return begins_study_log(path)
     except InputError:
         return False
+
+
+def begins_study_log(path: Path) -> bool:
+    """Whether the first row of a table is that of a study log.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    return _TIME in next(text_blocks(path, fix=_WANTED, piece=_FIRST_PIECE), "").partition("\n")[0]
 
 
 def read_study_log(path: Path | str) -> StudyLog:
@@ -56,26 +67,90 @@ def read_study_log(path: Path | str) -> StudyLog:
         InputError: the file cannot be read, has no rows, or has an invalid row or field, such as a joint with only some
             coordinates −9999; or a column of the header is unknown, repeated or missing. Names row and field.
     """
+    parts = list(study_log_blocks(path))
+    if not parts:
+        fix = "log at least one result, or leave it out"
+        raise InputError("the file has a header and no rows", file=str(path), fix=fix)
+    return _joined(parts)
+
+
+def study_log_blocks(path: Path | str, leave_out: Callable[[InputError], None] | None = None) -> Iterator[StudyLog]:
+    """Yield the rows of a study log in blocks of about a megabyte of text, as `read_study_log` returns them.
+
+    Args:
+        path: the file.
+        leave_out: called with the error of each invalid row, which is then left out; at most `MOST_LEFT_OUT` times.
+            None to raise the first error.
+
+    Raises:
+        InputError: as in `read_study_log`, but not for a file without rows. With ``leave_out``, the rows before the
+            fault have been yielded; in a file with quotation marks, those of earlier blocks.
+    """
     file = str(path)
     blocks = text_blocks(Path(path), fix=_WANTED)
     head, newline, body = next(blocks, "").partition("\n")
     if not head.strip():
         raise InputError("the file is empty" if not newline else "the first row is empty", file=file, fix=_WANTED)
-    places = columns.layout(_header_cells(head, file), file)
-    parts: list[StudyLog] = []
-    row = 2
+    reader = _RowReader(file, columns.layout(_header_cells(head, file), file), leave_out)
     for block in chain([body] if newline else [], blocks):
+        yield from reader.read(block)
+
+
+class _RowReader:
+    """Reads blocks of rows, one after the other; see `study_log_blocks`."""
+
+    def __init__(self, file: str, places: dict[str, int], leave_out: Callable[[InputError], None] | None) -> None:
+        self._file, self._places, self._leave_out = file, places, leave_out
+        self._next_row = 2
+        self._left_out = 0
+
+    def read(self, block: str) -> Iterator[StudyLog]:
+        """Yield the rows of a block, in one value or none.
+
+        Raises:
+            InputError: a row is invalid, and is not left out.
+        """
         try:
-            parts.append(_parse(file, block, places))
-        except (ValueError, OverflowError, csv.Error) as error:
-            fault = _culprit(file, block, row, places)
-            raise fault or InputError(f"the rows cannot be read: {error}", file=file) from error
-        row += len(parts[-1].person_id)
-    if not parts:
-        raise InputError("the file has a header and no rows", file=file, fix="log at least one result, or leave it out")
-    return _joined(parts)
+            log = _parse(self._file, block, self._places)
+        except _INVALID as error:
+            self._next_row += block.count("\n") + 1
+            if self._leave_out is None or '"' in block:
+                raise self._fault(block, error) from error
+        else:
+            self._next_row += len(log)
+            yield log
+            return
+        yield from self._without_invalid(block.split("\n"), self._leave_out)
+
+    def _without_invalid(self, lines: list[str], leave_out: Callable[[InputError], None]) -> Iterator[StudyLog]:
+        valid = 0
+        while lines:
+            try:
+                yield _parse(self._file, "\n".join(lines), self._places)
+                return
+            except _INVALID as error:
+                rest = lines[valid:]
+                fault = self._fault("\n".join(rest), error)
+            # Rows are left out before this place only.
+            valid += 0 if fault.row is None else fault.row - (self._next_row - len(rest))
+            if fault.row is None or self._left_out == MOST_LEFT_OUT:
+                if valid:
+                    yield _parse(self._file, "\n".join(lines[:valid]), self._places)
+                raise fault
+            leave_out(fault)
+            self._left_out += 1
+            del lines[valid]
+
+    def _fault(self, lines: str, error: Exception) -> InputError:
+        """Return the error of the first invalid row of the last lines of the block."""
+        first = self._next_row - lines.count("\n") - 1
+        found = _culprit(self._file, lines, first, self._places)
+        return found or InputError(f"the rows cannot be read: {error}", file=self._file)
 
 
+MOST_LEFT_OUT: Final = 100
+"""Most invalid rows of a file that are left out."""
+_INVALID: Final = (ValueError, OverflowError, csv.Error)
 _WANTED: Final = "a study log begins with the row " + ", ".join(columns.HEADER[:3]) + ", …"
 
 
@@ -99,24 +174,67 @@ def _parse(file: str, body: str, places: dict[str, int]) -> StudyLog:
     Raises:
         ValueError, OverflowError, csv.Error: some cell is invalid.
     """
-    titles = sorted(places, key=places.__getitem__)
-    kinds = dict.fromkeys(columns.INTEGERS.values(), f"U{_INTEGER_WIDTH}")
-    kinds[columns.KINECT] = (
-        f"U{columns.MAX_KINECT_LENGTH + 2}"  # one more for an apostrophe, one to notice what is longer
-    )
-    table = np.loadtxt(
-        io.StringIO(_unquoted(body) if '"' in body else body),
-        dtype=[(title, kinds.get(title, "f8")) for title in titles],
-        delimiter=",",
-        comments=None,
-        ndmin=1,
-    )
-    if len(table) != body.count("\n") + 1:
-        raise ValueError("an empty row, or one that goes over several lines")
-    numbers: dict[str, Any] = {name: _integers(table, title) for name, title in columns.INTEGERS.items()}
-    numbers |= {name: _available(_finite(table[TITLES[name]])) for name in columns.FLOATS}
-    kinects, positions = _kinects(table[columns.KINECT]), _positions(table)
-    return StudyLog(source=file, **numbers, kinect_id=kinects, positions=positions)
+    text = (_unquoted(body) if '"' in body else body).encode("ascii") + b"\n"
+    data = np.frombuffer(text, dtype=np.uint8)
+    count = int(np.count_nonzero(data == ord("\n")))
+    integers = np.full((count, len(columns.INTEGERS)), NOT_AVAILABLE, dtype=np.int64)
+    floats = np.empty((count, len(columns.FLOATS) + len(columns.POSITIONS)))
+    codes, texts = np.empty(count, dtype=np.int64), np.empty((count, 2), dtype=np.int64)
+    odd = np.empty((count * len(places), 4), dtype=np.int64)
+    layout = _layout(tuple(places.items()))
+    rows, text_count, odd_count = read_rows(data, *layout, integers, floats, codes, texts, odd)
+    if rows != count:
+        raise ValueError("an empty row, or one with another number of cells")
+    _read_odd(text, odd[:odd_count], layout, integers, floats)
+    positions = np.empty((count, len(columns.JOINTS), 3), dtype=np.float32)
+    cells = floats[:, len(columns.FLOATS) :]
+    if not place_joints(cells, float(NOT_AVAILABLE), float(_FARTHEST), _AT_THE_LENS, positions):
+        raise ValueError("a joint with a part of its coordinates, or too far away")
+    numbers: dict[str, Any] = dict(zip(columns.INTEGERS, integers.T.copy(), strict=True))
+    numbers |= dict(zip(columns.FLOATS, _available(floats[:, : len(columns.FLOATS)].T.copy()), strict=True))
+    kinects = _kinects([text[begin:end].decode("ascii") for begin, end in texts[:text_count].tolist()])
+    return StudyLog(source=file, **numbers, kinect_id=kinects[codes], positions=positions)
+
+
+@lru_cache(maxsize=16)
+def _layout(places: tuple[tuple[str, int], ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return kind and column of the output (columns,) of each column of the file, as `read_rows` takes them.
+
+    Joints are in the topology's order in the output.
+    """
+    kinds, targets = np.full(len(places), FLOAT), np.zeros(len(places), dtype=np.int64)
+    whole = list(columns.INTEGERS.values())
+    others = {TITLES[name]: k for k, name in enumerate(columns.FLOATS)}
+    for title, place in places:
+        if title == columns.KINECT:
+            kinds[place] = TEXT
+        elif title in whole:
+            kinds[place], targets[place] = INTEGER, whole.index(title)
+        elif title in others:
+            targets[place] = others[title]
+        else:
+            joint, axis = divmod(columns.POSITIONS.index(title), 3)
+            targets[place] = len(others) + 3 * columns.JOINT_PLACES[joint] + axis
+    return kinds, targets
+
+
+def _read_odd(
+    text: bytes,
+    odd: NDArray[np.int64],
+    layout: tuple[NDArray[np.int64], NDArray[np.int64]],
+    integers: NDArray[np.int64],
+    floats: NDArray[np.float64],
+) -> None:
+    """Read the cells that the kernel leaves, such as numbers of 17 digits."""
+    kinds, targets = layout
+    for row, column, begin, end in odd.tolist():
+        whole = kinds[column] == INTEGER
+        number = _number(text[begin:end].decode("ascii"), int if whole else float)
+        if number is None or not np.isfinite(float(number)):
+            raise ValueError("no finite number")
+        if whole and not -(2**63) <= number < 2**63:
+            raise ValueError("more than 64 bits")  # NumPy wraps some of them around
+        (integers if whole else floats)[row, targets[column]] = number
 
 
 def _unquoted(body: str) -> str:
@@ -127,42 +245,15 @@ def _unquoted(body: str) -> str:
     return "\n".join(map(",".join, rows))
 
 
-def _integers(table: NDArray[Any], title: str) -> NDArray[np.int64]:
-    if title not in (table.dtype.names or ()):
-        return np.full(len(table), NOT_AVAILABLE, dtype=np.int64)
-    cells: list[str] = table[title].tolist()
-    if any("_" in cell or len(cell) == _INTEGER_WIDTH for cell in cells):
-        raise ValueError("no whole number")
-    return np.array(list(map(int, cells)), dtype=np.int64)
-
-
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    if not np.isfinite(values).all():
-        raise ValueError("no finite number")
-    return values
-
-
 def _available(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(values == NOT_AVAILABLE, np.nan, values)
 
 
-def _kinects(cells: NDArray[np.str_]) -> NDArray[np.str_]:
-    plain = {cell: of_cell(cell.strip()) for cell in set(cells.tolist())}
-    if any(map(columns.kinect_problem, plain.values())):
+def _kinects(cells: list[str]) -> NDArray[np.str_]:
+    plain = [of_cell(cell) for cell in cells]
+    if any(map(columns.kinect_problem, plain)):
         raise ValueError("no id of a Kinect")
-    return np.array([plain[cell] for cell in cells.tolist()])
-
-
-def _positions(table: NDArray[Any]) -> NDArray[np.float32]:
-    flat = np.stack([table[title] for title in columns.POSITIONS], axis=-1)
-    cells = _finite(flat).reshape(len(table), len(columns.JOINTS), 3)
-    absent = cells == NOT_AVAILABLE
-    if (absent.any(axis=-1) != absent.all(axis=-1)).any() or (np.abs(np.where(absent, 0, cells)) >= _FARTHEST).any():
-        raise ValueError("a joint with a part of its coordinates, or too far away")
-    missing = absent[..., 0] | (np.abs(cells) < _AT_THE_LENS).all(axis=-1)
-    positions = np.empty(cells.shape, dtype=np.float32)
-    positions[:, columns.JOINT_PLACES] = np.where(missing[..., None], np.nan, cells)
-    return positions
+    return np.array(plain)
 
 
 def _culprit(file: str, block: str, first: int, places: dict[str, int]) -> InputError | None:

@@ -170,6 +170,7 @@ class FileResults(msgspec.Struct, frozen=True, eq=False):
         strips: skeletons for pictures.
         measured: figures of the measures.
         origin: what wrote it, with version and settings, for the report's methods; empty for logs of 2015.
+        whole: whether all of it could be read.
     """
 
     file: str
@@ -182,6 +183,7 @@ class FileResults(msgspec.Struct, frozen=True, eq=False):
     strips: tuple[PoseStrip, ...] = ()
     measured: tuple[MeasuredFigure, ...] = ()
     origin: dict[str, Any] = {}
+    whole: bool = True
 
 
 class StudyResults(msgspec.Struct, frozen=True, eq=False):
