@@ -89,6 +89,7 @@ PROGRAMS = (
     "sources/test_acquisition.py",
     "sources/test_bridge.py",
     "sources/test_live_set.py",
+    "studies/test_study_engines.py",
     "live/test_relaying.py",
     "clients/test_kinect_v2.py",
     "clients/test_kinect_v2_session.py",

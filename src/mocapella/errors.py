@@ -18,6 +18,7 @@ MocapellaError                base class; the message says what would have worke
 │   ├── DiskFullError         too little free disk space, or a full spool
 │   └── UnstoredFramesError   a node ended before all its frames were stored
 ├── CalibrationError          observations do not determine the poses, lenses or corners that are sought
+├── EngineError               an engine that cannot process a study's recordings
 ├── EvaluationError           a method's result cannot be scored
 └── NotNowError               a command that cannot be used in the present state
 """
@@ -147,6 +148,10 @@ class UnstoredFramesError(RecordingError):
 
 class CalibrationError(MocapellaError):
     """Observations do not determine the poses, lenses or corners that are sought; the message says what to film."""
+
+
+class EngineError(MocapellaError):
+    """An engine that cannot process a study's recordings; the message says how to start one that can."""
 
 
 class EvaluationError(MocapellaError):

@@ -20,9 +20,10 @@ def tables() -> tuple[Table[Any], ...]:
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.part_types import PART_TYPES
     from mocapella.sources.source import SOURCES
+    from mocapella.studies.measures.measure import MEASURES
     from mocapella.tracker.method import METHODS
 
-    return METHODS, DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS
+    return METHODS, DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS, MEASURES
 
 
 def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:

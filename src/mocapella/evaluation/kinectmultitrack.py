@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.evaluation import fused_metrics
-from mocapella.evaluation.causal_run import CausalRun, run_causally
+from mocapella.evaluation.causal_run import CausalRun
 from mocapella.evaluation.interactions import (
     distance_figures,
     identity_figures,
@@ -27,9 +27,10 @@ from mocapella.evaluation.interactions import (
     people_of_run,
 )
 from mocapella.evaluation.methods import AS_LOGGED, check_methods, scored_tracker
-from mocapella.evaluation.protocol import LearntFromStudies, ScoredTracker
+from mocapella.evaluation.protocol import ScoredTracker
 from mocapella.evaluation.scored_views import ScoredViews, known_before, logged_views, views_of
-from mocapella.evaluation.study_pairs import TASKS, Pairs, StudyFrames, StudySession, study_sessions
+from mocapella.evaluation.session_runs import run_session
+from mocapella.evaluation.study_pairs import TASKS, Pairs, StudySession, study_sessions
 from mocapella.evaluation.study_tables import Count, Scored, count, differences, row
 from mocapella.geometry import angles, rigid
 from mocapella.model.session import SCENARIOS
@@ -165,23 +166,11 @@ class AsRun:
 
     def __init__(self, session: StudySession, make: Callable[[int], ScoredTracker]) -> None:
         self.session = session
-        replay = session.replay
-        reference, *others = replay.sensors
-        self._layout = {reference: np.eye(4), **dict.fromkeys(others, replay.T_reference_second)}
-        self._run = self._run_over(session.frames, make)
+        self._run = run_session(session, make, session.frames)
         self._walk_frames = session.only(WALK) if (session.pairs.task == WALK).any() else None
-        self._cold = None if self._walk_frames is None else self._run_over(self._walk_frames, make)
+        self._cold = None if self._walk_frames is None else run_session(session, make, self._walk_frames)
         runs = (self._run,) if self._cold is None else (self._run, self._cold)
         self.wander_m_per_min = max(run.wander_m_per_min for run in runs)
-
-    def _run_over(self, frames: StudyFrames, make: Callable[[int], ScoredTracker]) -> CausalRun:
-        def left_out(sensors: int) -> ScoredTracker:
-            tracker = make(sensors)
-            if isinstance(tracker, LearntFromStudies):
-                tracker.leave_out(self.session.participant)
-            return tracker
-
-        return run_causally(left_out, self.session.replay.sensors, frames.arrivals, self._layout)
 
     @property
     def whole(self) -> CausalRun:
