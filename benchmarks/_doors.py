@@ -289,6 +289,8 @@ def _settings_files(folder: Path) -> list[Door]:
     from mocapella.sensing.colour_profile import load_profile
     from mocapella.settings import parse
     from mocapella.sources.simulate.measured import errors_from_json
+    from mocapella.sources.simulate.scenes import read_scene
+    from mocapella.studies.planner.planned_room import example_room, read_room
     from mocapella.tracker.method_files import camera_rig, hand_shape
     from mocapella.tracker.silhouettes_setup import BodySetup, _starting
 
@@ -312,6 +314,8 @@ def _settings_files(folder: Path) -> list[Door]:
         of_file("colour files", folder / "colours.json", [seeds.colour_profile()], load_profile, TEXT, share=0.05),
         of_file("reference points", folder / "xyz.csv", [seeds.CALISCOPE], lambda path: caliscope_points(path, space),
                 TEXT),
+        of_file("rooms to plan", folder / "room.toml", [example_room().encode()], read_room, TEXT),
+        of_file("scene files", folder / "scene.toml", [seeds.SCENE], read_scene, TEXT),
         of_bytes("sensor errors", [errors], lambda data: errors_from_json(data, "errors.json"), TEXT, 0.02),
         of_bytes("bodies with meshes", [msgspec.json.encode(start)], bodies, TEXT, 0.02),
         of_bytes("references to images", seeds.image_references(folder), seeds.resolve, TEXT, 0.1),

@@ -43,6 +43,17 @@ MARKERS: Final = b"""head (x);head (y);head (z)
 0;1500;0
 10;1500;0
 """
+SCENE: Final = b"""[sensors.sensor-1]
+position = [0.9, 1.0, 0.3]
+yaw_deg = 40.0
+errors = "kinect-v2-measured"
+
+[scenes.plan]
+summary = "one person walks"
+sensors = ["sensor-1"]
+cylinders = [{ centre = [3.6, 2.9], radius = 0.2, height = 2.7 }]
+people = [{ scenario = "route", start = [3.0, 2.5], route = ["stand 2", "go 2 3", "go 3 2.5"], stature = 1.7 }]
+"""
 BVH: Final = b"""HIERARCHY
 ROOT hip
 {

@@ -55,6 +55,7 @@ ALLOWED = {
     "recording/study_log.py: gzip.GzipFile": "writes",
     "sensing/images.py: cv2.imdecode": "the door of images: reads the header first",
     "sources/simulate/measured.py: read_bytes": "reads a file of this program",
+    "studies/planner/planned_room.py: read_text": "reads a file of this program",
     "tracker/limb_recovery.py: json.loads": "a generator's state has integers of 128 bits; `recalling` guards it",
     "exports/motion_page.py: read_text": "reads a file of this program",
     "studies/protocol.py: read_bytes": "reads a file of this program",

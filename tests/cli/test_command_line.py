@@ -25,6 +25,8 @@ DEFAULTS_DIFFER = {
     "--methods": "as --seeds",
     "--bodies": "as --seeds",
     "--space": "a node names its space; an alignment takes the only one; an export is in the world",
+    "--sensor": "a simulated node has a first sensor; a plan has the kind of its room's file",
+    "--sensors": "a server waits for one or more; a plan has the number of its room's file",
     "--rate": "a source has a rate; an export has the results' own times",
 }
 """Options with more than one default, each with the reason."""
@@ -32,6 +34,8 @@ HELP_DIFFERS = {
     "--folds": "one of the two keeps the models",
     "--out": "a study log is never overwritten",
     "--rate": "of images that arrive, or of results that are interpolated",
+    "--sensor": "one of a scene or recording, or the kind that a plan places",
+    "--sensors": "how many a server waits for, or a plan places",
     "--space": "another tracker's coordinates, or those of an export",
 }
 """Options with more than one meaning, each with the reason."""

@@ -35,6 +35,8 @@ app = typer.Typer(
 
     Studies with participants:  **mocapella study new my-study**
 
+    Plan where sensors should stand in a room:  **mocapella plan room.toml**
+
     Check the installation and the devices:  **mocapella doctor**
 
     Sensors on other machines need a key:  **mocapella session invite sensor**

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 from rich.console import Console
+from rich.status import Status
 
 from mocapella.cli.command_settings import KeySpec, lines_of_dataclass
 from mocapella.errors import SettingsError, one_of, visible
@@ -124,12 +125,18 @@ def method_option(detail: str = "") -> Any:
 
 
 def check_scene(name: str) -> str:
-    """Return the name of a simulated scene if it is known; for ``help``, print the list of scenes and exit.
+    """Return the name of a simulated scene, or the path of a scene file, if it is known; ``help`` lists the scenes.
 
     Raises:
         SettingsError: no scene has this name; lists the known ones.
+        InputError: the scene file cannot be read.
     """
-    from mocapella.sources.simulate import scene_summaries
+    from mocapella.sources.simulate import scene_settings, scene_summaries
+    from mocapella.sources.simulate.scenes import is_scene_file
+
+    if is_scene_file(name):
+        scene_settings(name)
+        return name
 
     scenes = scene_summaries()
     width = max(map(len, scenes)) + 2
@@ -163,7 +170,11 @@ JsonOut = Annotated[
 ]
 SceneName = Annotated[
     str | None,
-    typer.Option("--scene", metavar="NAME", help="Simulated scene; `--scene help` lists them."),
+    typer.Option(
+        "--scene",
+        metavar="NAME",
+        help="Simulated scene; `--scene help` lists them. Or a scene file (TOML), such as of `mocapella plan`.",
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="NUMBER", help="Seed of the simulated noise.")]
 Seconds = Annotated[float | None, seconds_option("Without it, at Ctrl-C.")]
@@ -343,13 +354,16 @@ def exit_by(recording: dict[str, Any] | None) -> None:
 
 
 @contextmanager
-def working(text: str, *, status: int) -> Iterator[None]:
-    """Show ``text`` while the context is active; Ctrl-C meanwhile ends the command with exit status ``status``."""
+def working(text: str, *, status: int) -> Iterator[Status]:
+    """Show ``text`` while the context is active; Ctrl-C meanwhile ends the command with exit status ``status``.
+
+    The value of the context shows another text with its method ``update``.
+    """
     from mocapella.live.signals import interruptible
 
     try:
-        with interruptible(), console.status(text):
-            yield
+        with interruptible(), console.status(text) as shown:
+            yield shown
     except KeyboardInterrupt:
         say("stopped before the end")
         raise typer.Exit(status) from None

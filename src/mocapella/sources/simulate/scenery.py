@@ -16,7 +16,9 @@ SIDES = 32
 
 
 def scenery_of(scene: str) -> Scenery:
-    """Return the obstacles, as triangle meshes in the world, and the sensors' poses of a named scene of `scenes`.
+    """Return the obstacles, as triangle meshes in the world, and the sensors' poses of a scene.
+
+    ``scene`` is as in `mocapella.sources.simulate.scenes.scene_settings`.
 
     Raises:
         SettingsError: no such scene; lists the known ones.

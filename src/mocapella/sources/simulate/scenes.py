@@ -1,4 +1,4 @@
-"""The named scenes of ``data/scenes.toml``: simulated rooms with people and the body sensors that see them."""
+"""Scenes by name, of ``data/scenes.toml``, or of a file: simulated rooms with people and sensors that see them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mocapella.decoding import own_toml
-from mocapella.errors import SettingsError, one_of
+import msgspec
+
+from mocapella.decoding import convert, decode_toml, own_toml, read_whole
+from mocapella.errors import InputError, SettingsError, one_of
 from mocapella.settings import check, parse
 from mocapella.sources.simulate.room import Room, SceneSettings, build_room
+
+
+class _SceneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The tables of a scene file."""
+
+    sensors: dict[str, dict[str, Any]]
+    scenes: dict[str, dict[str, Any]]
 
 
 def scene_names() -> tuple[str, ...]:
@@ -25,12 +34,44 @@ def scene_summaries() -> dict[str, str]:
 
 
 def scene_settings(name: str) -> SceneSettings:
-    """Look up a scene's settings by name; change them with `dataclasses.replace`.
+    """Look up a scene's settings by name, or read them from a file; change them with `dataclasses.replace`.
+
+    Args:
+        name: one of `scene_names`, or the path of a TOML file of one scene, such as that of `mocapella plan`.
 
     Raises:
         SettingsError: unknown scene; lists the known ones.
+        InputError: the file cannot be read, or has no such scene.
     """
-    return settings_from(_data(), name)
+    return read_scene(Path(name)) if is_scene_file(name) else settings_from(_data(), name)
+
+
+def is_scene_file(name: str) -> bool:
+    """Return whether the name of a scene is the path of a file."""
+    return name.endswith(".toml")
+
+
+def read_scene(path: Path) -> SceneSettings:
+    """Read a scene file: tables ``sensors`` and ``scenes``, as in ``data/scenes.toml``, of one scene.
+
+    Raises:
+        InputError: the file cannot be read, is no TOML, or has no or several scenes or an invalid value.
+    """
+    fix = "write one with `mocapella plan room.toml --out FOLDER`"
+    data = decode_toml(read_whole(path, fix=fix), file=path, fix=fix)
+    found = convert(data, _SceneFile, what="scene file", file=path, fix=fix)
+    if len(found.scenes) != 1:
+        raise InputError(f"has {len(found.scenes)} scenes; a scene file has one", file=path, field="scenes", fix=fix)
+    (name, scene), *_ = found.scenes.items()
+    sensors = scene.get("sensors")
+    known = isinstance(sensors, list) and all(isinstance(one, str) and one in found.sensors for one in sensors)
+    if not known:
+        what = "is no list of the names in the table sensors"
+        raise InputError(what, file=path, field=f"scenes.{name}.sensors", value=sensors, fix=fix)
+    try:
+        return settings_from({"sensors": found.sensors, "scenes": found.scenes}, name)
+    except SettingsError as error:
+        raise InputError(str(error), file=path, fix=fix) from None
 
 
 def settings_from(data: Mapping[str, Any], name: str) -> SceneSettings:
@@ -58,7 +99,7 @@ def load_scene(
     """Build the room of a named scene.
 
     Args:
-        name: one of `scene_names`.
+        name: one of `scene_names`, or the path of a scene file, see `read_scene`.
         seed: the same seed gives the same frames to the bit.
         topology: name of the topology of the frames, such as ``kinect_v1``.
         bvh: a BVH file whose motion replaces one person's scenario; None for none.
@@ -67,7 +108,7 @@ def load_scene(
 
     Raises:
         SettingsError: an unknown scene or topology, or a number out of range.
-        InputError: the BVH file cannot be used.
+        InputError: the BVH file or the scene file cannot be used.
     """
     settings = dataclasses.replace(scene_settings(name), seed=seed, topology=topology)
     if bvh is not None:
