@@ -28,6 +28,7 @@ from mocapella.kinematics.limb_search import (
     lasting,
     limbs,
     search,
+    traced,
     unknown,
     without,
     worth,
@@ -171,6 +172,42 @@ def test_what_is_found_is_within_limits_worth_more_and_the_same_but_for_the_limb
     told = good - DEFAULT.room * bad - DEFAULT.per_m * deep - DEFAULT.per_rad2 * turned
     assert found.worth == pytest.approx(told, abs=1e-9)  # of the pose that is told, not of one beyond the limits
     assert np.abs(found.pose.angles - thought.angles)[limb.joints].max() > 0.05
+
+
+def traced_to(limb: Limb, thought: TreePose, seed: int, evidence: list[Evidence]) -> TreePose:
+    local, places = placed(thought)
+    of_it = [without(one, places[0], limb.other_faces) for one in evidence]
+    return traced(limb, local, places, of_it, np.random.default_rng(seed))
+
+
+@few
+@given(seeds, names, st.booleans())
+def test_a_limb_that_another_frame_shows_where_it_was_found_or_of_which_it_knows_nothing_has_not_moved(
+    seed: int, name: str, known: bool
+) -> None:
+    found = bent(MESH, {"left elbow flexion": 50, "right hip flexion": 30, "left shoulder raise sidewards": 20})
+    told = traced_to(LIMBS[name], found, seed, shown(found) if known else everywhere(0.0))
+    np.testing.assert_allclose(told.angles, found.angles, atol=1e-9)
+
+
+def test_a_limb_of_which_another_frame_knows_nothing_has_not_moved_though_it_is_in_the_body() -> None:
+    inside = bent(MESH, {"left shoulder raise sidewards": -60, "left shoulder swing forwards": 10})
+    told = traced_to(LIMBS["left upper arm"], inside, 0, everywhere(0.0))
+    np.testing.assert_allclose(told.angles, inside.angles, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("side", "flexion", "knee"), [("left", 40.0, 10.0), ("right", 5.0, 35.0)])
+def test_a_leg_is_traced_to_where_another_frame_shows_it(seed: int, side: str, flexion: float, knee: float) -> None:
+    """By up to 20° a frame in a flick-flack."""
+    limb = LIMBS[f"{side} thigh"]
+    true = bent(MESH, {f"{side} hip flexion": flexion, f"{side} knee flexion": knee})
+    found = bent(MESH, {f"{side} hip flexion": flexion + 16, f"{side} knee flexion": knee + 14})
+    told = traced_to(limb, found, seed, shown(true))
+    assert off_mm(limb, true, told) < 0.5 * off_mm(limb, true, found)
+    assert ((told.angles >= MESH.tree.limits[:, 0]) & (told.angles <= MESH.tree.limits[:, 1])).all()
+    others = np.setdiff1d(np.arange(len(true.angles)), limb.joints)
+    np.testing.assert_allclose(told.angles[others], found.angles[others], atol=1e-12)
 
 
 def test_most_limbs_that_are_set_elsewhere_are_found_to_be_elsewhere() -> None:

@@ -13,7 +13,7 @@ continuous optimization", Methodology and Computing in Applied Probability 1, 19
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -322,25 +322,71 @@ def search(
     astray = was < s.astray and (missed is not None or against > s.against)
     if not astray and not also_hidden:
         return None
-    limits = np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
+    limits = _limits(limb, local)
     third = -(-s.drawn // 3)
     drawn = [at + sd * rng.standard_normal((third, len(at))) for sd in (s.near_rad, s.farther_rad)]
-    tried = np.clip(np.concatenate([*drawn, rng.uniform(limits[:, 0], limits[:, 1], (third, len(at)))]), *limits.T)
-    values, _ = valued(tried)
+    tried = np.concatenate([*drawn, rng.uniform(limits[:, 0], limits[:, 1], (third, len(at)))])
+    pose = _with(limb, local, _best(np.clip(tried, *limits.T), lambda angles: valued(angles)[0], limits, rng, s))
+    told = local.into(pose).angles[limb.joints]  # within the body's limits, unlike a local tree's angles
+    (value,), _ = valued(told[None])
+    better = value > was + (missed or 0.0) + (s.better if astray else s.much_better)
+    return FoundLimb(pose, float(value), float(was)) if better else None
+
+
+def traced(
+    limb: Limb, local: LocalTree, places: tuple[Float64, Float64], evidence: Sequence[Evidence],
+    rng: np.random.Generator, *, settings: LimbSearchSettings = DEFAULT,
+) -> TreePose:  # fmt: skip
+    """Return the body's pose of another frame with a limb near its present pose, where that frame's images show it.
+
+    Poses are drawn about the present one alone. The limb stays unless its score rises by ``better`` and above
+    ``astray``: a limb that is at rest in both frames gets no motion by chance, nor does one that no image shows.
+
+    Args:
+        limb, local: the limb, and the local tree of the other frame's pose, but with the limb as it was found.
+        places: (v, 3) vertices and (c, 2, 3) ends of the body's capsules in that pose, world [m].
+        evidence: evidence of the other frame from `without`, one for each camera.
+        rng: random generator that draws the poses.
+        settings: the settings.
+    """
+    s, at = settings, local.at.angles[limb.joints]
+
+    def valued(angles: Float64) -> Float64:
+        return scores(limb, local, places, evidence, angles, settings=s)[0]
+
+    limits = _limits(limb, local)
+    near = np.clip(at + s.near_rad * rng.standard_normal((-(-s.drawn // 3), len(at))), *limits.T)
+    pose = _with(limb, local, _best(near, valued, limits, rng, s))
+    was, value = valued(np.stack([at, local.into(pose).angles[limb.joints]]))
+    return pose if value > max(was + s.better, s.astray) else local.back(local.at)
+
+
+def _limits(limb: Limb, local: LocalTree) -> Float64:
+    """Return the limits (m, 2) of a limb's joints in a local tree, at most a half turn [rad]."""
+    return np.clip(local.tree.limits[limb.joints], -np.pi, np.pi)
+
+
+def _best(
+    tried: Float64, valued: Callable[[Float64], Float64], limits: Float64, rng: np.random.Generator,
+    s: LimbSearchSettings,
+) -> Float64:  # fmt: skip
+    """Return the best angles (m,) that the rounds of the cross-entropy method find from the first ones (n, m) [rad]."""
+    values = valued(tried)
     for number in range(s.rounds):
         best = np.argsort(-values, kind="stable")[: s.kept]
         tried, values = tried[best], values[best]
         about = np.repeat(tried, s.again, axis=0)
         sd = s.near_rad / 2 ** (number + 1)
         more = np.clip(about + sd * rng.standard_normal(about.shape), *limits.T)
-        tried, values = np.concatenate([tried, more]), np.concatenate([values, valued(more)[0]])
-    angles = local.at.angles.copy()
-    angles[limb.joints] = tried[np.argmax(values)]
-    pose = local.back(TreePose(local.at.T_world_model, angles))
-    told = local.into(pose).angles[limb.joints]  # within the body's limits, unlike a local tree's angles
-    (value,), _ = valued(told[None])
-    better = value > was + (missed or 0.0) + (s.better if astray else s.much_better)
-    return FoundLimb(pose, float(value), float(was)) if better else None
+        tried, values = np.concatenate([tried, more]), np.concatenate([values, valued(more)])
+    return np.asarray(tried[np.argmax(values)])
+
+
+def _with(limb: Limb, local: LocalTree, angles: Float64) -> TreePose:
+    """Return the body's pose with a limb's angles (m,) in a local tree, within the limits of the body's own."""
+    every = local.at.angles.copy()
+    every[limb.joints] = angles
+    return local.back(TreePose(local.at.T_world_model, every))
 
 
 @cache

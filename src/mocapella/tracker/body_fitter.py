@@ -351,20 +351,25 @@ class BodyFitter:
         s, recovery = self.settings, self._limb_recovery
         if recovery is None:
             return pose
+        last = self._past[-1][1]
+        # The pose of a start is not of the last image, and until the second fit the body is taken to be at rest.
+        moving = not np.array_equal(last.angles, self._past[0][1].angles)
         found = recovery.found(
-            pose, images, others, self._segmented(), self._stillness.as_started & ~self._hidden_parts
-        )
+            pose, images, others, self._segmented(), self._stillness.as_started & ~self._hidden_parts,
+            last=last if moving else None,
+        )  # fmt: skip
         if found is None:
             self._just_found = np.zeros_like(self._just_found)
             return pose
-        joints, pose = found
+        joints, pose = found.joints, found.pose
         parts = self.mesh.tree.joint_parts[joints]
         self._stillness.release(parts)
         free = np.isin(self.body.figure.part[self.body.skin], parts)
         held = msgspec.structs.replace(held, points=held.points & ~free)
-        # The wrong positions of a lost limb carry no information about its motion; one where it was found does.
+        # The wrong positions of a lost limb carry no information about its motion; one where it was found does, and
+        # where the last images show it.
         unknown = joints[~self._just_found[joints]]
-        self._past = [(at_ns, with_angles(past, unknown, pose.angles)) for at_ns, past in self._past]
+        self._past = [(at_ns, with_angles(past, unknown, found.before.angles)) for at_ns, past in self._past]
         self._just_found = np.isin(np.arange(len(self._just_found)), joints)
         priors = self._priors(with_angles(expected, joints, pose.angles), time_ns, held)
         return self._fitted(images, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)

@@ -3,8 +3,9 @@
 A limb is suspect if images show the background at its points, or if it penetrates another limb. A whole limb is missed
 if within its reach there is foreground that no part of the body explains, such as that of an arm that was lost before
 the trunk and swings forward. Foreground in one image alone may be transient, so a limb is searched in the foreground of
-two consecutive images, from its second suspect image on. Other limbs are searched as well, one whole limb after the
-other, because limbs also hide behind a body.
+two consecutive images, from its second suspect image on. A limb that is found is looked for in the first of these, too,
+near its new pose, because without a velocity a fast one is lost again in the next frame. Other limbs are searched as
+well, one whole limb after the other, because limbs also hide behind a body.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,7 @@ from mocapella.kinematics.limb_search import (
     limbs,
     scores,
     search,
+    traced,
     unknown,
     without,
     worth,
@@ -48,6 +51,21 @@ LOOSE = 1e-3
 """Weight of a limb's centre, relative to its joint axes, in the least squares for its attachment point."""
 STRETCHED = 1.1
 """Reach of a limb from its root, as a factor of its length at rest."""
+
+
+class FoundLimbs(msgspec.Struct, frozen=True, eq=False):
+    """Limbs that were found elsewhere than the fit had placed them.
+
+    Attributes:
+        joints: (k,) indices of their joint angles.
+        pose: pose of the body with the limbs where they were found.
+        before: the last frame's pose, with the limbs where its images show them; where they show none nearby, as found.
+            It is ``pose`` if the last frame's pose is unknown.
+    """
+
+    joints: NDArray[np.int64]
+    pose: TreePose
+    before: TreePose
 
 
 class LimbRecovery:
@@ -95,8 +113,10 @@ class LimbRecovery:
         others: Mapping[str, Bool],
         cameras: Mapping[str, SilhouetteCamera],
         settled: Bool | None = None,
-    ) -> tuple[NDArray[np.int64], TreePose] | None:
-        """Search the suspect limbs; return the joints of the moved limbs, and the corrected pose.
+        *,
+        last: TreePose | None,
+    ) -> FoundLimbs | None:
+        """Search the suspect limbs; return the moved limbs, the corrected pose, and where they were before.
 
         Args:
             pose: fitted pose of the body in this frame.
@@ -105,9 +125,10 @@ class LimbRecovery:
             cameras: the cameras in whose images the body was segmented, by name.
             settled: (parts,) bool, whether a part is not to be moved; a limb is not searched if all of its parts are.
                 None: no part.
+            last: fitted pose of the body in the last frame; None: unknown, as is the limbs' motion.
 
         Returns:
-            Indices (k,) of the joint angles that changed, and the new pose; None if no limb was moved.
+            The result; None if no limb was moved.
         """
         self._frame += 1
         stands = self._body.standing(pose)
@@ -138,7 +159,14 @@ class LimbRecovery:
             other, also = self._searched(these[::-1], pose, evidence, due, missed)
             if self._value(these, pose, other, evidence) > self._value(these, pose, found, evidence):
                 found, moved = other, also
-        return (np.concatenate(moved), found) if moved else None
+        if not moved:
+            return None
+        joints = np.concatenate(moved)
+        before = found if last is None else with_angles(last, joints, found.angles)
+        for limb in these:
+            if last is not None and np.isin(limb.joints, joints).all():
+                before = self._traced(limb, before, [then[name] for name in now if name in then])
+        return FoundLimbs(joints, found, before)
 
     def _searched(
         self,
@@ -161,6 +189,13 @@ class LimbRecovery:
             if found is not None:
                 pose, moved = found.pose, [*moved, limb.joints]
         return pose, moved
+
+    def _traced(self, limb: Limb, pose: TreePose, evidence: Sequence[Evidence]) -> TreePose:
+        """Return the last frame's pose with a limb, found in this frame, where the last frame's images show it."""
+        stands = self._body.standing(pose)
+        of_it = [without(one, stands.vertices, limb.other_faces) for one in evidence]
+        places = stands.vertices, stands.landmarks[self._body.solid.ends]
+        return traced(limb, self._body.local(pose), places, of_it, self._rng, settings=self._settings)
 
     def _value(self, some: Sequence[Limb], was: TreePose, pose: TreePose, evidence: Sequence[Evidence]) -> float:
         """Return the sum of the limbs' scores in a pose, less the cost of their rotations from the pose ``was``."""
