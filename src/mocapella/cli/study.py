@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +14,7 @@ from rich.text import Text
 from mocapella.cli import DAMAGED
 from mocapella.cli.app import study_app
 from mocapella.cli.common import JsonOut, Participants, console, say, write_json
+from mocapella.cli.evaluate import Methods
 
 if TYPE_CHECKING:
     from mocapella.studies.results import StudyResults
@@ -35,13 +35,25 @@ def analyze(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="FILE", help="New folder for the tables; nothing is overwritten.", callback=_check_out
+            "--out", metavar="FILE", help="New folder for the results; nothing is overwritten.", callback=_check_out
         ),
     ],
     participants: Participants = None,
+    methods: Methods = "stand-still",
+    engine: Annotated[
+        str,
+        typer.Option(
+            "--engine",
+            metavar="NAME",
+            help="Where recordings are analysed: local, local:PROCESSES, dask (all cores) or dask:HOST:PORT.",
+        ),
+    ] = "local",
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Test the hypotheses, draw pictures and write a report.")
+    ] = True,
     json: JsonOut = None,
 ) -> None:
-    """Clean a study's recordings, and tabulate how far the sensors' views of a person lie apart.
+    """Clean a study's recordings, tabulate how far the sensors' views of a person lie apart, and write a report.
 
     docs/studies.md says what is read, cleaned and computed. Exit status: 3 if a recording could not be read, or only
     in part, and the rest was analysed.
@@ -49,29 +61,40 @@ def analyze(
     Example:  mocapella study analyze recordings/ --out results/
     """
     from mocapella.errors import EvaluationError
-    from mocapella.studies.analysis import analyze_file, analyze_files, check_participants, merge
+    from mocapella.studies.analysis import check_participants, merge
     from mocapella.studies.recordings import find_recordings
     from mocapella.studies.study_tables import tables_of
     from mocapella.studies.table_files import new_folder, write_tables
+    from mocapella.studies.whole_analysis import analyze_recordings, check_methods, measured_tables
 
     found = find_recordings(folder)
     codes = None if participants is None else [part.strip() for part in participants.split(",")]
+    named = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
+    check_methods(named)
     with console.status("reading …") as status:
-        files = analyze_files(
+        files = analyze_recordings(
             found.paths,
-            partial(analyze_file, participants=codes),
-            lambda name: status.update(f"analysed {name.replace('[', '(')} …"),
+            participants=codes,
+            methods=named,
+            engine=engine,
+            on_done=lambda name: status.update(f"analysed {name.replace('[', '(')} …"),
         )
         results = merge(files, found.findings)
-    check_participants(results, codes)
-    tables = tables_of(results)
-    with new_folder(out) as made:
-        (made / "tables").mkdir()
-        write_tables(made / "tables", tables)
+        check_participants(results, codes)
+        tables = (*tables_of(results), *measured_tables(results))
+        with new_folder(out) as made:
+            if report and results.summaries:
+                from mocapella.studies.report import ReportDetails, write_report
+
+                status.update("testing hypotheses, drawing pictures …")
+                command = f"mocapella study analyze {folder} --out {out} --methods {methods}"
+                tables += write_report(results, tables, made, ReportDetails(folder.name, command))
+            (made / "tables").mkdir()
+            write_tables(made / "tables", tables)
     write_json(json, _as_json(results, tables, out))
     if json != "-":
         _show(results, tables)
-    say(f"tables in {out / 'tables'}")
+    say(f"tables in {out / 'tables'}" + (f", report: {out / 'report.html'}" if report and results.summaries else ""))
     if not results.summaries:
         raise EvaluationError(f"{folder}: no two views of a person at one time; the findings in {out} say why")
     if not all(one.whole for one in results.files):

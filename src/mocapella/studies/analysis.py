@@ -159,7 +159,7 @@ class _File:
         participant, placement, task = condition
         return ComparedViews(
             method=self._method,
-            placement=_PLACEMENTS.get(placement, NOT_SAID),
+            placement=_placement(placement),
             task=TASKS.get(task, f"scenario-{task}"),
             participant=self._participant(participant),
             first=first,
@@ -217,6 +217,11 @@ class _File:
             key = self._key(condition, "", "")
             what = f"no row of participant {key.participant}, {key.task}, {key.placement} has a partner"
             self.tell(what, "this task is left out", self._rows_of[condition])
+
+
+def _placement(number: int) -> str:
+    """Return the name of a placement by its number in the log; a study's own have none there."""
+    return NOT_SAID if number == NOT_AVAILABLE else _PLACEMENTS.get(number, f"placement-{number}")
 
 
 def _place(error: InputError) -> str:

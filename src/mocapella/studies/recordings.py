@@ -26,6 +26,8 @@ from mocapella.studies.results import StudyFinding
 
 LOGGED: Final = "stand-still"
 """Name of the method whose alignment a study log has: the thesis' own."""
+LOGS: Final = "logs"
+"""Folder of the logs of tasks, beside the takes that they were cut out of."""
 FUSED: Final = "fused"
 """Name of the fused person among the compared views."""
 
@@ -160,6 +162,8 @@ def kind_of(path: Path) -> RecordingKind | None:
 def find_recordings(folder: Path) -> FoundRecordings:
     """Find all recordings below a folder; hidden files and folders are skipped, and links to folders.
 
+    A take is left out where the folder `LOGS` beside it has the logs of its tasks (`mocapella.studies.task_log`).
+
     Raises:
         InputError: there is no such folder, or no recording in it.
     """
@@ -174,7 +178,13 @@ def find_recordings(folder: Path) -> FoundRecordings:
     if not paths:
         names = ", ".join(suffix for kind in KINDS for suffix in kind.suffixes)
         raise InputError("has no recordings", file=folder, fix=f"study logs and takes end with {names}")
+    logged = {path.parent.parent for path in paths if path.parent.name == LOGS}
+    cut_up = [path for path in paths if path.suffix == ".mcap" and path.parent in logged]
     findings = []
+    if cut_up:
+        what = f"{len(cut_up)} takes have logs of their tasks"
+        findings.append(StudyFinding("", what, "the logs are analysed, which only have running tasks"))
+        paths = [path for path in paths if path not in cut_up]
     if others:
         some = ", ".join(sorted(others)[:3]) + (", …" if len(others) > 3 else "")
         one = len(others) == 1

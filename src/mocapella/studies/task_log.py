@@ -34,12 +34,11 @@ from mocapella.recording.take_refs import AT_NS, LOG_NS, RUN
 from mocapella.schema import decode_scene
 from mocapella.studies.participants import number_of
 from mocapella.studies.progress import StudyEvent
+from mocapella.studies.recordings import LOGS
 from mocapella.studies.state_file import SavedSession, load_session
 from mocapella.studies.study_folder import SESSION, StudyFolder, add_files
 from mocapella.studies.task_runs import TaskRun, valid_runs
 
-LOGS: Final = "logs"
-"""Folder of the logs, in the participant's."""
 _PARTS: Final = ".part"
 """In names of later files of an interrupted take, which are read with its first one."""
 
