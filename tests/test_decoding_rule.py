@@ -50,6 +50,7 @@ ALLOWED = {
     "model/hand.py: read_text": "reads a file of this program",
     "model/memory.py: np.dtype": "of a text that it has checked",
     "model/topology.py: read_text": "reads a file of this program",
+    "viewer/study_page.py: read_text": "reads a file of this program",
     "recording/body_csv.py: np.loadtxt": "of blocks that `decoding` has read",
     "recording/study_log.py: csv.reader": "of blocks that `decoding` has read",
     "recording/study_log.py: gzip.GzipFile": "writes",

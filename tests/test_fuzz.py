@@ -60,6 +60,8 @@ NO_DOOR = {
     "sources/depth_cameras/orbbec.py:OrbbecCamera._next": "of a camera's driver, in this process",
     "sources/simulate/depth_scene.py:_data": "reads a file of this program",
     "viewer/marker_lane.py:marker_colour": "a number of its own",
+    "viewer/study_page.py:StudyPages._take": "a `decode_json` that tests/viewer/test_study_pages.py damages",
+    "viewer/study_page.py:StudyPages.serve": "hands what it receives to `_take`",
     "viewer/page.py:_Connection.recv": "hands messages to the reader behind the door page messages",
     "viewer/scenery.py:_meshes": "bytes of its own",
     "wire/doorbell.py:Doorbell._run": "hands what it receives to `_answer`, behind the door rings",

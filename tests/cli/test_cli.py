@@ -63,9 +63,20 @@ VERBS = [
     ["status"],
     ["view"],
     ["doctor"],
+    ["plan"],
     ["study", "analyze"],
+    ["study", "new"],
+    ["study", "check"],
+    ["study", "tasks"],
+    ["study", "verify"],
+    ["study", "consent"],
+    ["study", "due"],
+    ["study", "purge"],
+    ["study", "logs"],
+    ["study", "run"],
     ["lab", "evaluate", "kinectmultitrack"],
     ["lab", "evaluate", "simulation"],
+    ["lab", "evaluate", "founding"],
     ["lab", "evaluate", "charuco"],
     ["lab", "evaluate", "hands"],
     ["lab", "evaluate", "hand-solvers"],
@@ -96,8 +107,8 @@ VERBS = [
     ["lab", "tune", "one-euro"],
     ["calibrate", "hand"],
 ]
-HIDDEN = {"lab"}
-"""Of these, what `mocapella --help` does not list: it is for authors of methods, whose documents name it."""
+HIDDEN = {"lab", "plan"}
+"""Of these, what `mocapella --help` does not list: documents name the first, and its introduction the second."""
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 

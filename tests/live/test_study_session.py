@@ -97,8 +97,8 @@ def test_ten_tasks_from_the_first_instruction_to_their_logs_with_a_kill_in_the_m
     study = new_study(tmp_path / "study", protocol().encode(), by="op-1", at=NOW)
     port, view_port = free_port(), free_port()
     serve = (
-        "serve", "--study", "study", "--sensors", "2", "--method", "stand-still", "--port", str(port),
-        "--set", f"view_port={view_port}", "--set", "frames=30", "--set", "operator=op-1",
+        "study", "run", "study", "--by", "op-1", "--sensors", "2", "--method", "stand-still", "--port", str(port),
+        "--set", f"view_port={view_port}", "--set", "frames=30",
     )  # fmt: skip
     with ExitStack() as stack:
         server = stack.enter_context(Program(tmp_path, "serve", *serve))

@@ -102,6 +102,7 @@ def import_commands() -> None:
         status,
         study,
         study_protocol,
+        study_session,
         take,
         train,
         triangulate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,10 +66,6 @@ class ServeKeys:
     takes: Annotated[Path, KeySpec("Folder of the takes.", "folder")] = DEFAULT_TAKES
     reserve_gib: Annotated[float, KeySpec("Free disk space that a recording leaves.", "GiB", least=0)] = 1.0
     layout: Annotated[Path | None, LAYOUT] = None
-    operator: Annotated[
-        str | None,
-        KeySpec("Your code for the manifest of --study, such as OP1; without it, the variable MOCAPELLA_OPERATOR."),
-    ] = None
     save_layout: Annotated[
         Path | None,
         KeySpec("Save the sensor layout here whenever a sensor is placed, and at the end; default, arms.", "file"),
@@ -152,14 +148,6 @@ def serve(
     rig: Annotated[
         Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} The method hands needs it.")
     ] = None,
-    study: Annotated[
-        Path | None,
-        typer.Option(
-            "--study",
-            metavar="FOLDER",
-            help="Run a study's session, with its instructions, in this folder of `mocapella study new`.",
-        ),
-    ] = None,
     start: Annotated[list[str] | None, typer.Option("--start", metavar=START_FORM, help=START_HELP)] = None,
     file: Annotated[
         list[str] | None,
@@ -180,6 +168,34 @@ def serve(
 
     Example:  mocapella serve --sensors 2 --record walk-1
     """
+    run_server(
+        port=port, host=host, sensors=sensors, method=method, record=record, view=view,
+        files=lambda: {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)},
+        settings_file=settings_file, settings=settings, json=json,
+    )  # fmt: skip
+
+
+def run_server(
+    *,
+    port: int,
+    host: str,
+    sensors: int,
+    method: str,
+    view: bool,
+    settings_file: Path | None,
+    settings: list[str] | None,
+    json: str | None,
+    record: str | None = None,
+    files: Callable[[], dict[str, Any]] = dict,
+    store: Callable[[], StudyStore | None] = lambda: None,
+) -> None:
+    """Serve a session until it is stopped: `serve`, and `study run`.
+
+    Args:
+        port, host, sensors, method, record, view, settings_file, settings, json: options of `serve`.
+        files: returns the method's files by name.
+        store: returns where a study's session is kept; None without a study.
+    """
     from mocapella.live.signals import stop_on_signals
     from mocapella.wire.address import Address, parse_address
     from mocapella.wire.server import ServerLink
@@ -199,18 +215,17 @@ def serve(
 
         keys, method_settings = read()
         keys.check(method)
-        files = {"rig": rig, "start": list(map(Path, start or ())), **_named_files(file)}
         take = None if record is None else record_file(record, keys.takes)
         server_settings = ServerSettings(
             listen=str(address),
             takes=keys.takes,
             setup=Setup(method=method, sensors_expected=sensors),
             running=not keys.wait,
-            method_settings=merged(method_settings, settings_of_files(method, files)),
+            method_settings=merged(method_settings, settings_of_files(method, files())),
             reserve_bytes=round(keys.reserve_gib * GIB),
             layout=None if keys.layout is None else load_layout_option(keys.layout),
             record=take,
-            study=None if study is None else open_study(study, keys.operator, record=take),
+            study=store(),
         )
         view_port = keys.view_port if view else None
         with live_session(server_settings, stop, view_port=view_port, link=link) as session:
@@ -232,24 +247,6 @@ def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:
     wait_while(session, keys.seconds, until=keeper.watch)
     keeper.save()
     return finish(session.server)
-
-
-def open_study(folder: Path, operator: str | None, *, record: Path | None) -> StudyStore:
-    """Open the folder of ``--study``.
-
-    Raises:
-        SettingsError: the operator's code is missing or refused, or a take is to be recorded as well: a study records
-            its own.
-        InputError: the folder is no study's, or cannot be read.
-    """
-    from mocapella.live.study_store import FolderStore
-
-    if record is not None:
-        raise SettingsError("--record and --study exclude each other: a study's session records its own takes")
-    operator = operator or os.environ.get("MOCAPELLA_OPERATOR")
-    if not operator:
-        raise SettingsError("--study needs your code for the manifest: --set operator=OP1, or MOCAPELLA_OPERATOR=OP1")
-    return FolderStore(folder, operator)
 
 
 def load_layout_option(path: Path) -> SensorLayout:

@@ -48,9 +48,9 @@ def analyze(
             help="Where recordings are analysed: local, local:PROCESSES, dask (all cores) or dask:HOST:PORT.",
         ),
     ] = "local",
-    report: Annotated[
-        bool, typer.Option("--report/--no-report", help="Test the hypotheses, draw pictures and write a report.")
-    ] = True,
+    tables_only: Annotated[
+        bool, typer.Option("--tables-only", help="Write the tables alone: no tests, pictures and report.")
+    ] = False,
     json: JsonOut = None,
 ) -> None:
     """Clean a study's recordings, tabulate how far the sensors' views of a person lie apart, and write a report.
@@ -82,8 +82,9 @@ def analyze(
         results = merge(files, found.findings)
         check_participants(results, codes)
         tables = (*tables_of(results), *measured_tables(results))
+        reports = bool(results.summaries) and not tables_only
         with new_folder(out) as made:
-            if report and results.summaries:
+            if reports:
                 from mocapella.studies.report import ReportDetails, write_report
 
                 status.update("testing hypotheses, drawing pictures …")
@@ -94,7 +95,7 @@ def analyze(
     write_json(json, _as_json(results, tables, out))
     if json != "-":
         _show(results, tables)
-    say(f"tables in {out / 'tables'}" + (f", report: {out / 'report.html'}" if report and results.summaries else ""))
+    say(f"tables in {out / 'tables'}" + (f", report: {out / 'report.html'}" if reports else ""))
     if not results.summaries:
         raise EvaluationError(f"{folder}: no two views of a person at one time; the findings in {out} say why")
     if not all(one.whole for one in results.files):

@@ -57,11 +57,7 @@ def new(
 
     The founding study's protocol, kinectmultitrack, ships. docs/studies-protocol.md describes the file.
 
-    Examples:
-
-        mocapella study new my-study --by OP1
-
-        mocapella study new my-study --protocol reaching.toml --by OP1
+    Example:  mocapella study new my-study --by OP1
     """
     from mocapella.studies.protocol import load_protocol, protocol_bytes
     from mocapella.studies.study_folder import new_study
@@ -79,11 +75,7 @@ def check(
 ) -> None:
     """Check a protocol, and print the plan of its first participant with the least times.
 
-    Examples:
-
-        mocapella study check reaching.toml
-
-        mocapella study check kinectmultitrack
+    Example:  mocapella study check reaching.toml
     """
     from mocapella.studies.protocol import load_protocol, plan
 
@@ -144,11 +136,7 @@ def verify(
 
     Exit status: 1 if anything is.
 
-    Examples:
-
-        mocapella study verify my-study
-
-        mocapella study verify my-study --add OP1
+    Example:  mocapella study verify my-study
     """
     from mocapella.studies.study_folder import add_files, may_change, open_study, verify_study
 
@@ -184,11 +172,7 @@ def consent(
 ) -> None:
     """Note that a participant agreed to the protocol's text of consent, and until when the data may be kept.
 
-    Examples:
-
-        mocapella study consent my-study P07 --by OP1
-
-        mocapella study consent my-study P07 --given 2026-11-30 --by OP1
+    Example:  mocapella study consent my-study P07 --by OP1
     """
     from mocapella.studies.study_folder import give_consent, open_study
 
