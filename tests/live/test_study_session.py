@@ -105,7 +105,7 @@ def test_ten_tasks_from_the_first_instruction_to_their_logs_with_a_kill_in_the_m
         url = address_of(server, "study: ")
         nodes = []
         for name in ("front", "right"):
-            words = ("simulate", "--scene", "obstacle", "--sensor", name, "--connect", f"tls/127.0.0.1:{port}")
+            words = ("simulate", "--scene", "stand", "--sensor", name, "--connect", f"tls/127.0.0.1:{port}")
             nodes.append(stack.enter_context(Program(tmp_path, name, "node", *words)))
         researcher = Researcher(browser, url)
         screen = browser.new_page(viewport={"width": 1280, "height": 720})
@@ -119,7 +119,7 @@ def test_ten_tasks_from_the_first_instruction_to_their_logs_with_a_kill_in_the_m
         researcher.sees("#checks", "nothing is logged")
         researcher.key("n")
         researcher.phase("instruction")
-        researcher.sees("#checks", "2 people")
+        researcher.sees("#checks", "views whole")
         for number in range(1, TASKS + 1):
             researcher.sees("#plan .now", f"task-{number}")
             researcher.key("n")
