@@ -59,14 +59,14 @@ class Store:
         self.protocol: StudyProtocol = PROTOCOL
         self.notes: tuple[str, ...] = ()
         self.saved, self.events = saved, list[StudyEvent]()
-        self.broken = False
+        self.broken: Exception | None = None
 
     def load(self) -> StudyState | None:
         return self.saved
 
     def save(self, state: StudyState, events: tuple[StudyEvent, ...]) -> None:
-        if self.broken:
-            raise OSError("the disk is gone")
+        if self.broken is not None:
+            raise self.broken
         self.saved = state
         self.events += events
 
@@ -225,13 +225,14 @@ def test_a_take_that_cannot_be_recorded_begins_nothing(room: Room) -> None:
     assert room.status.phase == "instruction"
 
 
-def test_a_state_that_cannot_be_kept_is_said_and_kept_later(room: Room) -> None:
-    room.store.broken = True
+@pytest.mark.parametrize("error", [OSError("the disk is gone"), RuntimeError("the disk is gone")])
+def test_a_state_that_cannot_be_kept_is_said_and_kept_later(room: Room, error: Exception) -> None:
+    room.store.broken = error
     room.do("begin", participant="P01")
     wait_until("the problem is known", lambda: bool(room.service._keeper.problem))
     room.wait(0.1)
     assert any("the disk is gone" in note for note in room.status.notes)
-    room.store.broken = False
+    room.store.broken = None
     room.wait(1.2)
     wait_until("it is kept", lambda: room.store.saved is not None)
     wait_until("with its events", lambda: [event.what for event in room.store.events] == ["waiting"])
@@ -318,6 +319,25 @@ def test_a_take_that_was_ended_properly_gets_a_second_one(room: Room) -> None:
     room.closed = "P01-side-by-side.mcap"
     room.do("next")
     assert room.names("record") == ["P01-side-by-side-again.mcap"]
+
+
+@given(waits=st.lists(st.floats(0.001, 0.09), min_size=1, max_size=30))
+@settings(max_examples=20, deadline=None)
+def test_what_is_shown_follows_the_time_and_is_not_made_for_each_frame(waits: list[float]) -> None:
+    room = Room()
+    try:
+        room.do("begin", participant="P01")
+        room.do("next")
+        room.do("next")
+        began_ns, made = room.now_ns, set()
+        for seconds in waits:
+            room.now_ns += round(seconds * S)
+            room.service.beat()
+            made.add(room.status)
+            assert room.status.elapsed_s == pytest.approx((room.now_ns - began_ns) / S, abs=0.1001)
+        assert len(made) <= 2 + (room.now_ns - began_ns) // (S // 10)
+    finally:
+        room.service.close()
 
 
 def test_without_an_interrupted_session_nothing_goes_on(room: Room) -> None:

@@ -7,12 +7,17 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from support.programs import free_port
 
 from mocapella.errors import InputError, NotNowError, RecordingError, SettingsError
+from mocapella.live.server import Server, ServerSettings
 from mocapella.live.study_store import FolderStore
+from mocapella.model.session import Setup
 from mocapella.studies.progress import StudyAction, StudyEvent, StudyState, advance, begin
 from mocapella.studies.protocol import plan
 from mocapella.studies.study_folder import give_consent, new_study, read_manifest, verify_study
+from mocapella.wire.reader import send_command
+from mocapella.wire.session import open_reader
 
 NOW = datetime(2026, 11, 30, 9, tzinfo=UTC)
 TOML = b"""
@@ -102,6 +107,20 @@ def test_takes_of_a_placement_have_names_of_their_own_and_come_into_the_manifest
         "participant.json", "protocol.toml", "right-45.mcap", "session.json",
     ]  # fmt: skip
     assert verify_study(folder).unknown == ("participants/P01/right-45-again-1.mcap",)
+
+
+def test_a_study_takes_no_names_of_people(folder: Path) -> None:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    server = Server(ServerSettings(address, takes=folder, setup=Setup("stand-still"), study=store(folder)))
+    reader = open_reader(address)
+    try:
+        reply = send_command(reader, "name", {"person": 0, "name": "Ada"}, 20.0)
+        assert not reply.ok
+        assert "people of a study have codes" in reply.message
+        assert send_command(reader, "study-begin", {"participant": "P01"}, 20.0).ok
+    finally:
+        reader.close()  # type: ignore[no-untyped-call]
+        server.close()
 
 
 def test_a_damaged_session_and_a_wrong_operator_are_refused(folder: Path) -> None:

@@ -23,6 +23,7 @@ from mocapella.studies.progress import (
     due_ns,
     interrupted,
     logging,
+    possible,
     ran_ns,
 )
 from mocapella.studies.protocol import Instruction, Placement, PlannedTask, Task, plan
@@ -51,11 +52,13 @@ class SessionMachine(RuleBasedStateMachine):
         before, self.now = self.state, self.now + later_ns
         if logging(before):
             self.logged.append((before.at_ns, before.index))
+        waited, waiting = advance(before, WAIT, self.now)
         try:
             self.state, events = advance(before, action, self.now)
+            assert action.do == "wait" or action.do in possible(waited)
         except NotNowError:
-            self.state, events = advance(before, WAIT, self.now)
-            assert action.do != "wait"
+            self.state, events = waited, waiting
+            assert action.do not in ("wait", *possible(waited))
         self.events += events
 
     @rule(later=st.integers(-5 * S, 40 * S), do=st.sampled_from(["wait", "next", "next", "repeat", "pause", "resume"]))

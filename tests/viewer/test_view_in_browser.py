@@ -321,6 +321,9 @@ def test_edits_that_are_not_applied_stay_when_the_server_changes_and_go_when_rev
     server.change(setup=Setup(sensors_expected=5))
     tab.page.wait_for_function("[...document.querySelectorAll('input')].some(input => input.value === '5')")
     tab.expect_value("Participant", "12")
+    server.change(setup=Setup(sensors_expected=6, placement="side-by-side", scenario="sit-down"))  # names of a study
+    tab.page.wait_for_function("[...document.querySelectorAll('input')].some(input => input.value === 'sit-down')")
+    tab.expect_value("Participant", "12")
     tab.button("Revert edits").click()
     tab.expect_enabled("Revert edits", enabled=False)
     tab.expect_value("Participant", "")

@@ -40,6 +40,7 @@ from mocapella.live.study_service import StudyRecording, StudyService, StudyStor
 from mocapella.live.summary import RunSummary
 from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
+from mocapella.model.scene import Phase
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, folder_problem, free_name, next_name, take_path
 from mocapella.schema import SceneEncoder, decode_frame
@@ -119,7 +120,7 @@ class Server:
             layout=settings.layout,
             waiting_for=settings.waiting_for,
         )
-        self._revision = self._nonsense = 0
+        self._revision = self._nonsense = self._tracked = 0
         self._inbox = Inbox()
         self._commands = CommandQueue()
         self._encoder = SceneEncoder()
@@ -269,6 +270,7 @@ class Server:
                 self.summary.rejected += 1
                 self._registry.rejected(message.node, f"a frame cannot be tracked: {self._session.problem}")
         self.summary.scene(scene, latency, done_ns)
+        self._tracked += scene.state.phase is Phase.TRACKING and bool(scene.people)
         self._watch_state()
 
     def _watch_state(self) -> None:
@@ -294,6 +296,8 @@ class Server:
             return ""
         if verb == "record":
             message = self._record_by_name(arguments)
+        elif verb == "name" and self._study is not None:
+            raise NotNowError("people of a study have codes, and no name comes into its takes")
         elif verb in self._session.verbs:
             message = self._session.carry_out(verb, arguments)
             if verb == "start":
@@ -368,7 +372,7 @@ class Server:
             record=lambda path: self.record_to(path, resume=True),
             end_take=self._end_take,
             note=self._recording.record_command,
-            results=lambda: self.summary.scenes_out,
+            results=lambda: self._tracked,
         )
 
     def _end_take(self) -> None:

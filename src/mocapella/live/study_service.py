@@ -8,13 +8,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import msgspec
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import MocapellaError, NotNowError, SettingsError, TakeExistsError, one_of
+from mocapella.errors import NotNowError, SettingsError, TakeExistsError, one_of
 from mocapella.model.session import STUDY_EVENT, Setup
 from mocapella.model.study_status import FloorMap, MapPoint, PlannedPart, StudyStatus
 from mocapella.settings import parse
@@ -29,14 +30,18 @@ from mocapella.studies.progress import (
     due_ns,
     interrupted,
     logging,
+    possible,
     ran_ns,
 )
 from mocapella.studies.protocol import Instruction, PlannedTask, StudyProtocol, plan
+from mocapella.supervision import Boundary
 
 PREFIX: Final = "study-"
 """Beginning of the names of the commands of a study."""
 SAVED_EVERY_NS: Final = NS_PER_S
 """Interval at which the state is kept while nothing changes; a power failure costs as much of a running task [ns]."""
+SHOWN_EVERY_NS: Final = NS_PER_S // 10
+"""Interval at which the shown state follows the time: more often than it is published, and not with each frame [ns]."""
 _NOTHING_LEFT: Final = ("done", "aborted")
 
 
@@ -58,7 +63,7 @@ class StudyStore(Protocol):
         """Keep the state, with the events since it was last kept, durably; on a thread of its own.
 
         Raises:
-            MocapellaError, OSError: it cannot be kept.
+            Exception: it cannot be kept; it is tried again with the next state.
         """
 
     def begin(self, participant: str) -> None:
@@ -86,7 +91,7 @@ class StudyRecording:
         record: begins the take at a path, or goes on with it.
         end_take: ends the take, if there is one, without waiting for it.
         note: writes an entry into the take: a name and its arguments.
-        results: returns the number of results so far.
+        results: returns the number of results with tracked people so far.
     """
 
     setup: Callable[[], Setup]
@@ -107,7 +112,7 @@ class _Keeper:
 
     def __init__(self, save: Callable[[StudyState, tuple[StudyEvent, ...]], None]) -> None:
         self.problem = ""
-        self._save = save
+        self._save, self._errors = save, Boundary()
         self._changed = threading.Condition()
         self._state: StudyState | None = None
         self._events: tuple[StudyEvent, ...] = ()
@@ -136,12 +141,9 @@ class _Keeper:
                 state, events, self._state = self._state, self._events, None
             if state is None:
                 return
-            try:
-                self._save(state, events)
-            except (MocapellaError, OSError) as error:
-                self.problem = f"the study's state cannot be kept: {error}"
-            else:
-                self.problem = ""
+            problem = self._errors.run("state of the study", partial(self._save, state, events))
+            self.problem = f"the study's state cannot be kept: {problem}" if problem else ""
+            if not problem:
                 with self._changed:
                     self._events = self._events[len(events) :]
 
@@ -158,7 +160,7 @@ class StudyService:
     def __init__(self, store: StudyStore, recording: StudyRecording, now_ns: Callable[[], int]) -> None:
         self._store, self._recording, self._now_ns = store, recording, now_ns
         self._state: StudyState | None = None
-        self._changes = self._results_before = self._saved_ns = 0
+        self._changes = self._results_before = self._saved_ns = self._shown_ns = 0
         self._recorded = ""
         self._keeper = _Keeper(store.save)
         self._actions: dict[str, Callable[[Mapping[str, Any]], str]] = {
@@ -168,7 +170,7 @@ class StudyService:
             "next": lambda arguments: self._act("next", forced=arguments.get("forced") == "yes"),
             **{name: self._plain(name) for name in ("repeat", "pause", "resume")},
         }
-        self._shown = self._made_status()
+        self._shown = self._made_status(now_ns())
 
     @property
     def verbs(self) -> tuple[str, ...]:
@@ -217,7 +219,8 @@ class StudyService:
         due = due_ns(state)
         if (due is not None and now_ns >= due) or now_ns - self._saved_ns >= SAVED_EVERY_NS:
             self._take_up(*advance(state, WAIT, now_ns))
-        self._shown = self._made_status()
+        elif not 0 <= now_ns - self._shown_ns < SHOWN_EVERY_NS:
+            self._show(now_ns)
 
     def close(self) -> None:
         """Keep the newest state, and end."""
@@ -291,7 +294,7 @@ class StudyService:
         if state.phase in _NOTHING_LEFT and events:
             self._recording.end_take()
             self._recorded = ""
-        self._shown = self._made_status()
+        self._show(self._now_ns())
 
     def _labels(self, state: StudyState) -> tuple[int, str, str]:
         task = state.planned.task.name if logging(state) else ""
@@ -305,14 +308,17 @@ class StudyService:
 
     # What is shown.
 
-    def _made_status(self) -> StudyStatus:
+    def _show(self, now_ns: int) -> None:
+        self._shown, self._shown_ns = self._made_status(now_ns), now_ns
+
+    def _made_status(self, now_ns: int) -> StudyStatus:
         protocol, state = self._store.protocol, self._state
         notes = (*self._store.notes, *filter(None, [self._keeper.problem]))
         known = StudyStatus(protocol.title, protocol.codes, notes=notes, changes=self._changes)
         if state is None:
             return msgspec.structs.replace(known, actions=("begin",))
         step, phase = _shown_step(state), state.phase
-        now_ns = max(self._now_ns(), state.at_ns)
+        now_ns = max(now_ns, state.at_ns)
         running = phase == "running"
         ran = ran_ns(state) + (now_ns - state.at_ns if running else 0)
         due = due_ns(state)
@@ -339,7 +345,7 @@ class StudyService:
             logged=f"logging {task.name}: {results} results" if running else "",
             results=results,
             marks=len(state.marks),
-            actions=_possible(state),
+            actions=("begin",) if phase in _NOTHING_LEFT else possible(state),
         )
 
 
@@ -390,17 +396,3 @@ def _floor(protocol: StudyProtocol, step: Instruction | None) -> FloorMap | None
     points = tuple(MapPoint(point.name, point.x_m, point.y_m) for point in block.points)
     here, then = ((), ()) if step is None else (step.stand, step.foot)
     return FloorMap(block.width_m, block.depth_m, points, block.start, here, then)
-
-
-def _possible(state: StudyState) -> tuple[str, ...]:
-    """Return the actions that are possible in a state."""
-    if state.phase in _NOTHING_LEFT:
-        return ("begin",)
-    found = []
-    for do in ("next", "repeat", "pause", "resume", "mark", "abort"):
-        try:
-            advance(state, StudyAction(do), state.at_ns)
-        except MocapellaError:
-            continue
-        found.append(do)
-    return tuple(found)

@@ -192,6 +192,11 @@ def advance(state: StudyState, action: StudyAction, at_ns: int) -> Advanced:
     return state, tuple(events)
 
 
+def possible(state: StudyState) -> tuple[Do, ...]:
+    """Return the actions that `advance` does not refuse in a state, without ``wait``."""
+    return tuple(do for do, (phases, _) in _ACTIONS.items() if state.phase in phases)
+
+
 def interrupted(state: StudyState) -> Advanced:
     """Return the state with which a session goes on after the server has ended: a running task is paused.
 
@@ -261,7 +266,7 @@ def _leave(state: StudyState, at_ns: int) -> Advanced:
     return _to(fresh, at_ns, phase, phase=phase)
 
 
-_ACTIONS: Final[dict[str, tuple[tuple[StudyPhase, ...], Callable[[StudyState, StudyAction, int], Advanced]]]] = {
+_ACTIONS: Final[dict[Do, tuple[tuple[StudyPhase, ...], Callable[[StudyState, StudyAction, int], Advanced]]]] = {
     "next": (("waiting", "instruction", "running", "between"), _next),
     "repeat": (("running", "paused", "between"), _repeat),
     "pause": (("running",), _pause),

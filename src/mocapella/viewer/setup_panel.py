@@ -148,8 +148,11 @@ class SetupPanel:
         )
 
     def _write(self, fields: SetupFields) -> None:
-        if fields.method not in self._method.options:
-            self._method.options = (*self._method.options, fields.method)
+        for menu, name in (
+            (self._method, fields.method), (self._placement, fields.placement), (self._scenario, fields.scenario)
+        ):  # fmt: skip
+            if name not in menu.options:  # of a plug-in, or of a study's protocol
+                menu.options = (*menu.options, name)
         set_value(self._method, fields.method)
         set_value(self._expected, fields.sensors_expected)
         set_value(self._participant, fields.participant)

@@ -62,7 +62,8 @@ class StudyPages:
 
     def show(self, study: StudyStatus | None, check: LiveCheck | None) -> None:
         """Show a state on all pages; None while the session runs no study."""
-        self._shown = (study, check)
+        if (study, check) != self._shown:  # else it is sent at the next heartbeat
+            self._shown = (study, check)
 
     def page(self, path: str) -> bytes | None:
         """Return the HTML of a page by its path; None if there is none."""
