@@ -251,6 +251,10 @@ OUT_HELP: Final = "File to write; an existing file is replaced."
 
 
 Method = Annotated[str, method_option()]
+SensorsExpected = Annotated[
+    int,
+    typer.Option("--sensors", metavar="NUMBER", min=1, help="Number of sensors to wait for before calibrating."),
+]
 Participants = Annotated[
     str | None,
     typer.Option(

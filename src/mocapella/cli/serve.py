@@ -28,6 +28,7 @@ from mocapella.cli.common import (
     JsonOut,
     Method,
     RecordTo,
+    SensorsExpected,
     View,
     exit_by,
     method_keys,
@@ -139,9 +140,7 @@ class LayoutKeeper:
 def serve(
     port: BusPort = DEFAULT_PORT,
     host: Host = "127.0.0.1",
-    sensors: Annotated[
-        int, typer.Option(metavar="NUMBER", min=1, help="Number of sensors to wait for before calibrating.")
-    ] = 1,
+    sensors: SensorsExpected = 1,
     method: Method = "default",
     record: RecordTo = None,
     view: View = True,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from mocapella.cli.app import study_app
 from mocapella.cli.command_settings import SettingsFile, set_option
-from mocapella.cli.common import DEFAULT_PORT, BusPort, Host, JsonOut, Method, View, method_keys
+from mocapella.cli.common import DEFAULT_PORT, BusPort, Host, JsonOut, Method, SensorsExpected, View, method_keys
 from mocapella.cli.serve import ServeKeys, run_server
 from mocapella.cli.study_protocol import Operator, StudyDir
 
@@ -22,9 +20,7 @@ def run(
     by: Operator,
     port: BusPort = DEFAULT_PORT,
     host: Host = "127.0.0.1",
-    sensors: Annotated[
-        int, typer.Option(metavar="NUMBER", min=1, help="Number of sensors to wait for before calibrating.")
-    ] = 1,
+    sensors: SensorsExpected = 1,
     method: Method = "default",
     view: View = True,
     settings_file: SettingsFile = None,
