@@ -34,6 +34,7 @@ def test_an_obstacle_is_measured_and_a_recording_that_is_none_is_a_finding(tmp_p
     (table,) = measured_tables(results)
     assert {row[0] for row in table.rows} >= {"lost"}
     assert results.strips
+    assert analyze_recordings([FILE], participants=["99"]) == []
 
 
 @needs_data

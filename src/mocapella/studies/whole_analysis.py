@@ -52,7 +52,7 @@ def analyze_recordings(
 
     Args:
         paths: study logs and takes.
-        participants: codes of those who are analysed; None for all.
+        participants: codes of the analysed participants; recordings of others give no result. None for all.
         methods: methods whose alignment is scored; the logged rows always are.
         engine: as in `mocapella.studies.engines`.
         on_done: called with the name of each file that is done.
@@ -63,7 +63,8 @@ def analyze_recordings(
     chosen = None if participants is None else tuple(participants)
     function = partial(analyze_recording, participants=chosen, methods=tuple(methods))
     found = run_each(function, list(paths), engine, lambda index, result: on_done(paths[index].name))
-    return [_left_out(path, one) if isinstance(one, Failed) else one for path, one in zip(paths, found, strict=True)]
+    results = [_left_out(path, one) if isinstance(one, Failed) else one for path, one in zip(paths, found, strict=True)]
+    return [one for one in results if participants is None or one.rows or one.findings]
 
 
 def analyze_recording(path: Path, *, participants: Collection[str] | None, methods: Sequence[str]) -> FileResults:
