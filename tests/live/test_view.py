@@ -110,7 +110,7 @@ def test_a_drawing_that_fails_ends_neither_the_view_nor_its_other_drawings(monke
         def __init__(self, *_: Any, **__: Any) -> None:
             pass
 
-        def show(self, *_: Any) -> None:
+        def show(self, *_: Any, **__: Any) -> None:
             shown.append(len(shown))
             if len(shown) == 3:
                 stop.set()
@@ -135,7 +135,7 @@ def test_the_first_browser_that_draws_the_view_is_told_of_once(monkeypatch: pyte
         def __init__(self, *_: Any, **__: Any) -> None:
             made.append(self)
 
-        def show(self, *_: Any) -> None:
+        def show(self, *_: Any, **__: Any) -> None:
             self.pages = next(pages)
             self.drawings += 1
             if self.drawings == 6:
