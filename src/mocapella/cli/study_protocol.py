@@ -282,7 +282,7 @@ def _ask_for(code: str, folder: Path) -> None:
     """Have the code typed, before anything is removed.
 
     Raises:
-        SettingsError: another text is typed, or nobody can type.
+        SettingsError: another text is typed, or the input ends.
     """
     try:
         typed = typer.prompt(f"All data of {code} in {folder} will be removed. Type the code", err=True)

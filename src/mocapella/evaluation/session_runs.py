@@ -44,8 +44,8 @@ def run_session(session: StudySession, make: Callable[[int], ScoredTracker], fra
 def people_at(run: CausalRun, arrivals: Int64, logged: Int64) -> tuple[PersonThen | None, ...]:
     """Return the tracked person for each logged person and instant.
 
-    It is the one that was fused from a sensor's view of the logged person. Where no view was fused, because no sensor
-    sees the person, it is the one with the id that the logged person had last.
+    The tracked person is the one fused from a sensor's view of the logged person. Where no view was fused, because no
+    sensor sees the person, it is the one with the id that the logged person had last.
 
     Args:
         run: the method's run.

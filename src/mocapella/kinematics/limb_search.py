@@ -343,7 +343,7 @@ def traced(
     ``astray``: a limb that is at rest in both frames gets no motion by chance, nor does one that no image shows.
 
     Args:
-        limb, local: the limb, and the local tree of the other frame's pose, but with the limb as it was found.
+        limb, local: the limb, and the local tree of the other frame's pose, but with the limb's found pose.
         places: (v, 3) vertices and (c, 2, 3) ends of the body's capsules in that pose, world [m].
         evidence: evidence of the other frame from `without`, one for each camera.
         rng: random generator that draws the poses.

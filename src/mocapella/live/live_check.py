@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 OVER_S: Final = 1.0
 """Interval whose data are checked [s]."""
 LEAST_PLACES: Final = 30
-"""Least number of results in which a person stands still on a known point, to find the marked block."""
+"""Least number of results with a person who stands still on a known point, to find the marked block."""
 _MARGIN_M: Final = 0.3
 """How far the pelvis may be outside of the block: people turn on its edge [m]."""
 
@@ -27,7 +27,7 @@ _MARGIN_M: Final = 0.3
 class LiveChecker:
     """Checks the results as they come.
 
-    The marked block is found from the first step in which one person stands on a named point: the person's pelvis is
+    The marked block is found from the first step with one person standing on a named point: the person's pelvis is
     over that point, and the first sensor looks along the block.
     """
 

@@ -178,7 +178,7 @@ class StudyService:
         return tuple(f"{PREFIX}{name}" for name in self._actions)
 
     def status(self) -> StudyStatus:
-        """Return what is shown; on any thread."""
+        """Return the shown status; on any thread."""
         return self._shown
 
     def go_on(self) -> str:
@@ -274,8 +274,8 @@ class StudyService:
     def _take_up(self, state: StudyState, events: tuple[StudyEvent, ...]) -> None:
         """Make a state the present one: keep it, note its events in the take, and label what follows.
 
-        Events are noted before the labels of a task that begins, and after those of one that ends, so that all results
-        of a run of the take with a scenario are of the running task.
+        Events are noted before the labels of a task that begins, and after the labels of a task that ends, so that all
+        results of a run of the take with a scenario are of the running task.
         """
         self._keeper.put(state, events)
         was_logged = self._state is not None and logging(self._state)

@@ -50,7 +50,7 @@ class FolderStore:
 
     @property
     def protocol(self) -> StudyProtocol:
-        """The study's protocol, as it is now."""
+        """The study's present protocol."""
         return self._study.protocol
 
     def load(self) -> StudyState | None:

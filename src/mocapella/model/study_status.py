@@ -61,7 +61,7 @@ class StudyStatus(msgspec.Struct, frozen=True):
     Attributes:
         title: of the study.
         participants: codes that the researcher can choose.
-        participant, placement: code and name of the present ones; empty while nobody takes part.
+        participant, placement: code and name of the present ones; empty without a participant.
         advice: text for the researcher, such as how to place the sensors.
         phase: see `StudyPhase`.
         part: place of the present task in ``plan``, from 0.
@@ -76,7 +76,7 @@ class StudyStatus(msgspec.Struct, frozen=True):
         block: the marked floor; None if the study has none.
         tone: whether a tone sounds at each change.
         changes: number of changes of the instruction so far.
-        logged: what is being logged right now, in words; empty if nothing is.
+        logged: description of the present logging, in words; empty without logging.
         results: number of results of the present task so far.
         marks: number of events that the researcher has marked.
         actions: commands that can be used now, without ``study-``.

@@ -84,7 +84,7 @@ def study_log_blocks(path: Path | str, leave_out: Callable[[InputError], None] |
 
     Raises:
         InputError: as in `read_study_log`, but not for a file without rows. With ``leave_out``, the rows before the
-            fault have been yielded; in a file with quotation marks, those of earlier blocks.
+            fault have been yielded; in a file with quotation marks, the rows of earlier blocks.
     """
     file = str(path)
     blocks = text_blocks(Path(path), fix=_WANTED)

@@ -21,7 +21,7 @@ _EXACT = 2**53
 _POWERS = 10.0 ** np.arange(23)
 """Powers of ten that are exact in double precision."""
 _REMEMBERED = 8
-"""Number of latest texts with which a text is compared."""
+"""Number of latest texts that a text is compared with."""
 _MOST_DIGITS = 18
 
 

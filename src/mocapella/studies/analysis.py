@@ -171,7 +171,7 @@ class _File:
         return self._path.name.partition(".")[0] if study_id == NOT_AVAILABLE else str(study_id)
 
     def _name(self, kinect: str) -> str:
-        """Return a sensor's name; two Kinects of one name are told apart by a number."""
+        """Return a sensor's name; a number distinguishes two Kinects of one name."""
         if kinect not in self._names:
             name = sensor_name(kinect, STUDY_SENSORS)
             taken = name in self._names.values()
@@ -179,7 +179,7 @@ class _File:
         return self._names[kinect]
 
     def results(self, fault: InputError | None, others: Iterable[DifferenceSums]) -> FileResults:
-        """Return what was found; ``fault`` is where the reading ended."""
+        """Return the file's results; ``fault`` is where the reading ended."""
         self._report(fault)
         counts = self._cleaner.counts
         counts[UNREADABLE] = len(self._bad_rows)
@@ -288,7 +288,7 @@ def _shared(files: Sequence[FileResults]) -> Iterator[StudyFinding]:
 
 
 def _missing(files: Sequence[FileResults]) -> Iterator[StudyFinding]:
-    """Yield a finding for each participant who lacks a placement in which others did the same task."""
+    """Yield a finding for each participant who lacks a placement where others did the same task."""
     done: defaultdict[str, defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
     for part in (part for one in files for part in one.summaries):
         done[part.key.task][part.key.participant].add(part.key.placement)

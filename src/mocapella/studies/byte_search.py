@@ -41,7 +41,7 @@ class SearchReport(msgspec.Struct, frozen=True):
     Attributes:
         files: number of files that were searched.
         size_bytes: their size.
-        traces: what was found.
+        traces: the traces found.
         unsearched: files that could not be searched, or not wholly, each with the reason.
     """
 
@@ -98,7 +98,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def _in_file(path: Path, code: bytes, checksums: Sequence[str], others: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Yield (place, what); an empty ``what`` for what is too large to unpack."""
+    """Yield (place, what) of each trace; an empty ``what`` for content too large to unpack."""
     try:
         with path.open("rb") as file:
             yield from _in_bytes(FileBytes(file), code, checksums, others)

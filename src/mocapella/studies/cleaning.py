@@ -81,7 +81,7 @@ class RowCleaner:
     def clean(self, rows: StudyLog) -> StudyLog:
         """Return the rows that are left, with corrected scenarios and positions in metres.
 
-        Everything else is unchanged. Cleaned rows stay as they are if they are cleaned again.
+        Everything else is unchanged. To clean cleaned rows again changes nothing.
         """
         rows = self._without(rows, np.equal(rows.scenario_id, NOT_AVAILABLE), NO_TASK)
         rows = msgspec.structs.replace(rows, scenario_id=self._tasks(rows))

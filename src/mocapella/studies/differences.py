@@ -30,7 +30,7 @@ class AlignedPairs(msgspec.Struct, frozen=True, eq=False):
     """Pairs of views of one person at nearly one time, aligned by a method.
 
     Attributes:
-        key: what they belong to.
+        key: the pairs' method, placement, task, participant and views.
         views: (pairs, 2, joints, 3) both views in one space [m], floats of any precision; NaN where a joint is missing.
         at_s: (pairs,) time since the first frame of the task [s].
     """
@@ -41,7 +41,7 @@ class AlignedPairs(msgspec.Struct, frozen=True, eq=False):
 
 
 ViewsOfMethods = Callable[[Path], Iterable[AlignedPairs]]
-"""Returns a recording's pairs as other methods align them. The pairs are those of the logged rows, with the same
+"""Returns a recording's pairs as other methods align them. The pairs are the logged rows' pairs, with the same
 placement, task, participant and names, and another ``key.method``. One key may come in several parts."""
 
 

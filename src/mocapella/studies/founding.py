@@ -56,7 +56,7 @@ LOGGED_EVERY: Final = 2
 BEGINS_NS: Final = 1_425_200_400 * NS_PER_S
 """Unix time of the first frame of every session, a morning of March 2015 [ns]; the simulation has no date."""
 ONE_CALIBRATION: Final = StandStillTrackerSettings(regain_within_m=float("inf"))
-"""The thesis' logs have one calibration for each file: a participant who was lost is the same wherever seen again."""
+"""The thesis' logs have one calibration for each file: a lost participant is the same wherever seen again."""
 MOST_SEEDS: Final = 1000
 _STEP_M: Final = 0.35
 _STILL_S: Final = 8.0

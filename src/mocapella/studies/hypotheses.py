@@ -73,7 +73,7 @@ class HypothesisVerdict(msgspec.Struct, frozen=True):
 
     Attributes:
         hypothesis: `H1`, `H2` or `H3`.
-        about: what was tested: the method and its views; empty if nothing was measured.
+        about: the tested method and its views; empty if nothing was measured.
         text: one or a few plain sentences.
     """
 
@@ -110,7 +110,7 @@ def study_statistics(results: StudyResults) -> StudyStatistics:
 
 
 def cells_of(tasks: Iterable[PooledTask]) -> dict[tuple[str, str], list[PooledTask]]:
-    """Group pooled tasks by (task, placement); those in which no joint is ever in both views are left out."""
+    """Group pooled tasks by (task, placement); leave out tasks without a joint that is ever in both views."""
     cells: dict[tuple[str, str], list[PooledTask]] = {}
     for one in tasks:
         if math.isfinite(one.dd_cm):

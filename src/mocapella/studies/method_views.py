@@ -1,6 +1,6 @@
 """Track a study log with a method, causally, and align both sensors' views of every pair by its estimates.
 
-The protocol is that of docs/evaluation.md: what is applied to a pair was known before the earlier of its two frames
+docs/evaluation.md has the protocol: the estimates applied to a pair were known before the earlier of its two frames
 arrived, each sensor has one rigid motion for all people, and models leave the participant out. `stand-still` is not
 run: the logged rows are the output of the thesis' own method.
 """

@@ -35,7 +35,7 @@ class PairedRows(msgspec.Struct, frozen=True, eq=False):
 
 
 class RowPairing:
-    """Pairs the rows of one file, one block after the other; what it finds does not depend on the blocks.
+    """Pairs the rows of one file, one block after the other; the pairs do not depend on the blocks.
 
     Attributes:
         repeated: number of rows that repeat a sensor in a person's result.
@@ -71,7 +71,7 @@ class RowPairing:
         return self._paired(rows, group, order[~waiting[order]])
 
     def _paired(self, rows: StudyLog, group: Int64, order: Int64) -> PairedRows:
-        """Pair the rows ``order``, in which those of a group follow each other in the file's order."""
+        """Pair the rows ``order``, where the rows of a group follow each other in the file's order."""
         kinects, kinect = kinects_of(rows)
         _, first = np.unique(group[order] * len(kinects) + kinect[order], return_index=True)
         self.repeated += len(order) - len(first)
@@ -88,7 +88,7 @@ class RowPairing:
 
 
 def _groups(rows: StudyLog, numbers: Int64) -> tuple[Int64, Int64]:
-    """Return the group (rows,) of each row, and an order of the rows in which groups follow each other.
+    """Return the group (rows,) of each row, and an order of the rows that puts one group after the other.
 
     Args:
         rows: the rows.

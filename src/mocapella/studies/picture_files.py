@@ -54,8 +54,8 @@ class StudyPicture(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         name: stem of its files.
-        title: its heading, without what is compared.
-        caption: what is drawn and how it was computed, in one or two sentences.
+        title: its heading, without the compared method and views.
+        caption: the drawn quantity and its computation, in one or two sentences.
         about: the method and its views, or what else it is about.
         files: content by format, of `FORMATS`.
     """

@@ -27,7 +27,7 @@ TO_FUSED: Final = "sensor to fused"
 CM: Final = 100.0
 _DD: Final = AXES.index("dd")
 _FEWEST_BINS: Final = 10
-"""Smallest number of a timeline's bins from which a slope is computed."""
+"""Smallest number of a timeline's bins for a slope."""
 
 
 class StudyComparison(msgspec.Struct, frozen=True, order=True):

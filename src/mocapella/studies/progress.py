@@ -171,7 +171,7 @@ def advance(state: StudyState, action: StudyAction, at_ns: int) -> Advanced:
 
     Args:
         state: the state before.
-        action: what is done.
+        action: the action.
         at_ns: when [ns]; a time before the state's is taken as the state's, because clocks can be set back.
 
     Raises:
@@ -198,7 +198,7 @@ def possible(state: StudyState) -> tuple[Do, ...]:
 
 
 def interrupted(state: StudyState) -> Advanced:
-    """Return the state with which a session goes on after the server has ended: a running task is paused.
+    """Return the state to resume a session with after the server has ended: a running task is paused.
 
     The pause begins at the last time that the state knows, because nothing was recorded since.
     """
@@ -274,11 +274,11 @@ _ACTIONS: Final[dict[Do, tuple[tuple[StudyPhase, ...], Callable[[StudyState, Stu
     "mark": (("waiting", "instruction", "running", "paused", "between"), _mark),
     "abort": (("waiting", "instruction", "running", "paused", "between"), _abort),
 }
-"""The phases that allow each action, and what it does."""
+"""The phases that allow each action, and the function that carries it out."""
 
 
 def _to(state: StudyState, at_ns: int, what: What, note: str = "", **changes: object) -> Advanced:
-    """Change fields of the state at a time; the event names the task as it is afterwards."""
+    """Change fields of the state at a time; the event names the changed state's task."""
     changed = msgspec.structs.replace(state, since_ns=at_ns, at_ns=at_ns, **changes)
     return changed, (_event(changed, what, at_ns, visible(note.strip())[:LONGEST_NOTE]),)
 

@@ -1,6 +1,6 @@
 """The protocol of a study, a readable TOML file, and each participant's plan that follows from it.
 
-docs/studies-protocol.md describes the file; ``studies/protocols`` has those that ship.
+docs/studies-protocol.md describes the file; ``studies/protocols`` has the protocols that ship.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True):
         pause_s: pause after it [s]; 0 until the researcher goes on.
         repetitions: how often it is done in a row.
         people: number of people who do it together.
-        placements: names of the placements in which it is done; empty for all.
+        placements: names of the task's placements; empty for all.
         groups: names of the groups of participants who do it; empty for all.
     """
 
@@ -178,13 +178,13 @@ class Participants(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class StudyProtocol(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A study as it is planned.
+    """The plan of a study.
 
     Attributes:
         title: its title.
         participants: who takes part.
         placements, tasks: the conditions, at least one of each; each participant does each task in each placement.
-        seed: number from which the order ``random`` follows, together with the participant's code.
+        seed: number that determines the order ``random``, together with the participant's code.
         task_order, placement_order: how their order is chosen for each participant.
         retention_days: how long a participant's data may be kept, from the consent on [days]; 0 without limit.
         consent: the text that participants agree to.

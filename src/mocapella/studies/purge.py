@@ -1,6 +1,6 @@
 """Remove one participant from a study's folder, everywhere, and prove it by a search of all bytes.
 
-A journal, ``.purge.json``, says what is to be removed before anything is. A purge that is interrupted goes on from it;
+A journal, ``.purge.json``, lists the data to remove before any is removed. An interrupted purge goes on from it;
 every step can be done again.
 """
 
@@ -76,7 +76,7 @@ class PurgeReport(msgspec.Struct, frozen=True):
     Attributes:
         files, size_bytes, results: as in `Purged`.
         search: the search of the folder afterwards, for the code and the checksums.
-        out_of_reach: what it cannot reach.
+        out_of_reach: places out of a purge's reach.
     """
 
     files: int
@@ -149,7 +149,7 @@ def _begin(path: Path, code: str, *, by: str, at: datetime, salt: str) -> PurgeJ
 
 
 def _rename_in_protocol(path: Path, journal: PurgeJournal) -> None:
-    """Replace the code in the protocol's text by another one, so that the others' orders stay as they are."""
+    """Replace the code in the protocol's text by another one, so that the others' orders do not change."""
     file = path / PROTOCOL
     protocol = load_protocol(file)
     named = protocol.participants.codes or protocol.participants.groups

@@ -40,7 +40,7 @@ class RecordedRows(msgspec.Struct, frozen=True, eq=False):
     """A block of a recording's rows.
 
     Attributes:
-        rows: the rows, in the file's order; those of a person's views, and of the fused person, are in one space.
+        rows: the rows, in the file's order; a person's views and the fused person are in one space.
         method: tracking method that aligned the views.
         origin: what recorded it, with version and settings; empty if unknown.
     """
@@ -141,7 +141,7 @@ class FoundRecordings(msgspec.Struct, frozen=True):
     """The recordings of a folder.
 
     Attributes:
-        paths: their files, sorted by name, then by folder; also those that cannot be read.
+        paths: their files, sorted by name, then by folder; also unreadable files.
         findings: tables that are none.
     """
 

@@ -97,7 +97,7 @@ class ReportDetails(msgspec.Struct, frozen=True):
         title: its heading.
         command: command line that makes it again; empty if there is none.
         settings: settings used, by name.
-        versions: versions of the programs, by name; by default those that run now.
+        versions: versions of the programs, by name; by default the running versions.
     """
 
     title: str = "Study"

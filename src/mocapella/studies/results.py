@@ -34,7 +34,7 @@ class ComparedViews(msgspec.Struct, frozen=True, order=True):
         placement: name of the sensors' placement, such as `parallel`, `45`, `90`.
         task: name of the task, such as `walk`.
         participant: code of the participant, such as `7`; never a name.
-        first, second: names of what is compared: two sensors, or a sensor and `fused`.
+        first, second: names of the compared views: two sensors, or a sensor and `fused`.
     """
 
     method: str
@@ -49,7 +49,7 @@ class DifferenceSums(msgspec.Struct, frozen=True, eq=False):
     """The differences of all pairs of one `ComparedViews`, as sums that can be added.
 
     Attributes:
-        key: what they belong to.
+        key: the pairs' method, placement, task, participant and views.
         pairs: number of pairs of views.
         sums: (joints, 4) sums over the pairs, by `AXES` [m]; joints that a view lacks are left out.
         squares: (joints, 4) sums of the squares [m²].
@@ -106,10 +106,10 @@ class MeasuredFigure(msgspec.Struct, frozen=True):
 
     Attributes:
         measure: name of the measure, such as `lost`.
-        quantity: what was measured, such as `longest loss`.
+        quantity: the measured quantity, such as `longest loss`.
         unit: `s`, `cm`, `%`, or empty for a count.
         method, placement, task, participant: as in `ComparedViews`.
-        subject: what it is about, such as a sensor's name or `person 2`.
+        subject: the figure's subject, such as a sensor's name or `person 2`.
         value: the figure in ``unit``; NaN if unknown.
         samples: number of frames or joints that it is a figure of.
     """
@@ -187,14 +187,14 @@ class FileResults(msgspec.Struct, frozen=True, eq=False):
 
 
 class StudyResults(msgspec.Struct, frozen=True, eq=False):
-    """All that a study's recordings give: `merged` from those of the files.
+    """The results of a study: `merged` from the results of the files.
 
     Attributes:
         files: the recordings, in the order of their names.
         joints: names of the joints, in the order of all arrays.
         summaries: differences, one for each `ComparedViews`, sorted by it; files of one key are added.
         strips, measured: of all files.
-        findings: of the whole study, then those of the files.
+        findings: of the whole study, then of the files.
     """
 
     files: tuple[FileResults, ...]

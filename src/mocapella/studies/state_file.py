@@ -17,10 +17,10 @@ _FIX: Final = "restore it from a copy, or move it away to begin the participant'
 
 
 class SavedSession(msgspec.Struct, frozen=True):
-    """A session as it is stored.
+    """A stored session.
 
     Attributes:
-        protocol: the protocol with which it began, without the other participants' codes.
+        protocol: the protocol at the session's beginning, without the other participants' codes.
         checksum: `StudyProtocol.checksum` of the whole protocol.
         state: the state after the last event.
         events: all events so far, in their order.
@@ -41,8 +41,8 @@ class ReopenedSession(msgspec.Struct, frozen=True):
 
     Attributes:
         session: the session; a task that was running is paused.
-        edited: what is different from the study's protocol now, in one line; empty if nothing is. The session goes on
-            with its own plan.
+        edited: differences from the study's present protocol, in one line; empty if none. The session goes on with its
+            own plan.
     """
 
     session: SavedSession
@@ -85,7 +85,7 @@ def reopen_session(path: Path, protocol: StudyProtocol) -> ReopenedSession:
 
     Args:
         path: the file.
-        protocol: the study's protocol as it is now.
+        protocol: the study's present protocol.
 
     Raises:
         InputError, RecordingError: as in `load_session`.

@@ -6,7 +6,7 @@ participants/CODE/participant.json   consent and retention
 participants/CODE/session.json       state and events of the session
 participants/CODE/…                  takes and logs
 results/…                            what analyses wrote
-purged.json                          what was removed
+purged.json                          removed participants
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class ConsentRecord(msgspec.Struct, frozen=True):
 
 
 class Purged(msgspec.Struct, frozen=True):
-    """A participant who was removed.
+    """A removed participant.
 
     Attributes:
         code_sha256: checksum of ``salt`` and the code. Who knows the code can check it; who guesses it, too.
@@ -227,7 +227,7 @@ def add_files(
         files: paths of files within its folder.
         by: code of the operator.
         at: time of now.
-        settings: what they were made with.
+        settings: settings that the files were made with.
 
     Raises:
         TakeExistsError: a take or log is in the manifest with another checksum: it was overwritten.
@@ -349,7 +349,7 @@ def participants_without_consent(study: StudyFolder) -> tuple[str, ...]:
 
 
 def read_purged(path: Path) -> tuple[Purged, ...]:
-    """Return what was removed from a study's folder.
+    """Return the participants removed from a study's folder.
 
     Raises:
         InputError: the file cannot be read, or is no list of removed participants.

@@ -69,7 +69,7 @@ class ViewComparison(msgspec.Struct, frozen=True, eq=False):
         return tuple(sorted(found, key=_placement_order))
 
     def joint_means(self, task: str, placement: str) -> Float64:
-        """Return M (joints, 4) of |Δx|, |Δy|, |Δz| and Δd [m]; NaN for a joint that nobody's two views have."""
+        """Return M (joints, 4) of |Δx|, |Δy|, |Δz| and Δd [m]; NaN for a joint that no person's two views have."""
         return _mean([part.means for part in self.cells[task, placement]])
 
     def of_participants(self, task: str, placement: str) -> Float64:
@@ -91,7 +91,7 @@ def compared_of(results: StudyResults) -> tuple[ViewComparison, ...]:
 
 
 def tables_of(results: StudyResults) -> tuple[StudyTable, ...]:
-    """Return all tables of a study, those of its recordings last."""
+    """Return all tables of a study, the recordings' tables last."""
     compared = compared_of(results)
     tables = [table for one in compared for table in _tables_of(one, _said(one, compared))]
     return (*tables, _recordings(results), _cleaning(results), _findings(results))

@@ -34,7 +34,7 @@ _NAME: Final = re.compile(r"[^A-Za-z0-9_.=-]")
 
 
 def cell_text(value: str | float | int | None, column: TableColumn) -> str:
-    """Return a cell as it is printed: numbers with the column's digits, and a dash for None and NaN."""
+    """Return a cell's printed text: numbers with the column's digits, and a dash for None and NaN."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return DASH
     if isinstance(value, str):

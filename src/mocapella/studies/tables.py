@@ -27,7 +27,7 @@ class StudyTable(msgspec.Struct, frozen=True):
         title: one line above it.
         columns: its columns.
         rows: rows of cells, one for each column; None or NaN is printed as a dash.
-        notes: lines below it: how it is computed, and what is wrong with it.
+        notes: lines below it: its computation, and faults in it.
     """
 
     name: str

@@ -131,7 +131,7 @@ def write_task_log(take: Take, run: TaskRun, session: SavedSession, base: Path) 
         for _, _, log_unix_ns, scene in task_scenes(take, run)
         if (found := list(_rows_of_task(scene, take, run, numbers, log_unix_ns)))
     ]
-    if people is None or not results:  # nobody was there, or the tracker was calibrating
+    if people is None or not results:  # no person was there, or the tracker was calibrating
         return TaskLog(run, take.path.name, 0, 0)
     named = replace(people, labels={number.number: labels for number in take.runs})
     csv, tables = _with(base, ".csv.gz"), (_with(base, ".people.parquet"), _with(base, ".events.parquet"))

@@ -66,5 +66,5 @@ def task_runs(events: Iterable[StudyEvent]) -> tuple[TaskRun, ...]:
 
 
 def valid_runs(events: Iterable[StudyEvent]) -> tuple[TaskRun, ...]:
-    """Return the finished and not repeated attempt at each task, in the order of the plan: what is analysed."""
+    """Return the analysed attempt at each task, finished and not repeated, in the order of the plan."""
     return tuple(sorted((run for run in task_runs(events) if run.finished), key=lambda run: run.index))

@@ -20,11 +20,11 @@ Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 PAUSE_S: Final = 10.0
-"""A longer gap between two frames is a pause of the recording, in which nobody is lost [s]."""
+"""A longer gap between two frames is a pause of the recording, and no loss [s]."""
 
 
 class HiddenViews(msgspec.Struct, frozen=True, eq=False):
-    """A second run of the method, to which joints of one sensor at a time were hidden.
+    """A second run of the method, with joints of one sensor at a time hidden from it.
 
     Attributes:
         hidden: (frames, people, sensors, joints) whether the joint was hidden.

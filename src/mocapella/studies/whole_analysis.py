@@ -24,7 +24,7 @@ from mocapella.studies.results import ComparedViews, DifferenceSums, FileResults
 from mocapella.studies.tables import StudyTable, TableColumn
 
 RECORDED: Final = (AS_LOGGED,)
-"""Methods of an analysis that names none: the rows as they were logged."""
+"""Methods of an analysis that names none: the logged rows alone."""
 
 
 def check_methods(methods: Sequence[str]) -> None:
@@ -68,7 +68,7 @@ def analyze_recordings(
 
 
 def analyze_recording(path: Path, *, participants: Collection[str] | None, methods: Sequence[str]) -> FileResults:
-    """Analyse one recording: as it was logged, by other methods, and with the measures of its tasks.
+    """Analyse one recording: its logged rows, its rows by other methods, and the measures of its tasks.
 
     Args:
         path: a study log or a take; methods and measures apply to study logs only.

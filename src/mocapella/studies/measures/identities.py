@@ -46,7 +46,7 @@ def _as_logged(people: tuple[int, ...], ids: list[int]) -> IdentityFrame:
 
 
 def _crossed(task: TaskViews, s: int) -> tuple[int, int]:
-    """Count the frames in which a sensor's views of two people fit the reference sensor's better when exchanged.
+    """Count the frames where a sensor's views of two people fit the reference sensor's better when exchanged.
 
     Returns:
         The number of crossed pairs of people, and of all that both sensors see, over all frames.

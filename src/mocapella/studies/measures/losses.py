@@ -21,10 +21,10 @@ LOSS_S: Final = 0.2
 
 
 class Loss(msgspec.Struct, frozen=True):
-    """A time in which a person was lost.
+    """One loss of a person.
 
     Attributes:
-        first: index of the first frame without the person, or of the frame before a gap in which nobody was logged.
+        first: index of the first frame without the person, or of the frame before a gap without any logged person.
         back: index of the first frame with the person again, or of the last frame before a pause or the end.
         length_s: time without the person [s].
     """
@@ -39,7 +39,7 @@ def losses(at_s: Float64, there: Bool) -> tuple[Loss, ...]:
 
     A loss lasts from the first frame without the person to the first with it again. If no frame at all was logged in
     between, it lasts from the frame before to the one after. Gaps of more than `PAUSE_S` are pauses of the recording
-    and count for nobody.
+    and no losses.
 
     Args:
         at_s: (frames,) rising times [s].

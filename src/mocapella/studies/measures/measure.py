@@ -11,9 +11,9 @@ from mocapella.studies.results import MeasuredFigure
 from mocapella.studies.task_views import TaskViews
 
 OBSTACLE: Final = ("obstacle",)
-"""Tasks in which an obstacle hides a person."""
+"""Tasks with an obstacle that hides a person."""
 INTERACTIONS: Final = ("around-first", "around-second", "exchange")
-"""Tasks in which one person hides another."""
+"""Tasks where one person hides another."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Measure:
     Attributes:
         interface: version of the plug-in interface, see `mocapella.registry`.
         name: name of the measure in tables.
-        summary: what it measures, in one line.
+        summary: the measured quantities, in one line.
         quantities: the unit of each quantity by its name: `s`, `cm`, `%`, or empty for a count.
         find: function of a task that returns its figures; `mocapella.studies.task_views.TaskViews.figure` makes one.
         tasks: names of the tasks that it is meant for; None for all.

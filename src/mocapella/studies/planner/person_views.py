@@ -49,7 +49,7 @@ class PersonTables:
     Args:
         postures: names of postures, ``stand`` or keys of `mocapella.sources.simulate.postures.POSTURES`.
         stature: height of the person [m].
-        errors: measured errors of a sensor; None for those of this version.
+        errors: measured errors of a sensor; None for this version's errors.
 
     Attributes:
         stature: as given.
@@ -58,7 +58,7 @@ class PersonTables:
         hides: (postures, elevations, `TURNS`, joints) whether the own body hides the joint.
         point: (postures, `TURNS`, joints) index of the body's test point next to the joint, see `body_points`.
 
-    Joints are those of `SCORED`; entry k of `TURNS` is for α = k · 360° / `TURNS`.
+    Joints are `SCORED`; entry k of `TURNS` is for α = k · 360° / `TURNS`.
     """
 
     def __init__(self, postures: tuple[str, ...], stature: float, errors: Errors | None = None) -> None:

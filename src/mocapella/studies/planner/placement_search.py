@@ -40,7 +40,7 @@ class PlacementScore(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         poses: the sensors.
         cost_cm: the cost [cm].
-        covered_percent, twice_percent: share of the area in which a person is seen from head to ankle by at least one
+        covered_percent, twice_percent: share of the area where a person is seen from head to ankle by at least one
             and by at least two sensors [%].
         mean_cm, median_cm, p95_cm: expected error of a joint, over all cells, facings and postures [cm].
         worst_cm: greatest mean expected error of a cell [cm].
@@ -164,7 +164,7 @@ def costs_with(views: RoomViews, chosen: Sequence[int]) -> Float64:
     error = np.full(len(views.poses), alone.sum(dtype=np.float64))
     for index, (joints, information) in enumerate(zip(views.joints, views.information, strict=True)):
         both = np.sqrt(trace_of_inverse(base[:, joints] + information))
-        error[index] += (both - alone[joints]).sum(dtype=np.float64)  # the other joints remain as they were
+        error[index] += (both - alone[joints]).sum(dtype=np.float64)  # the other joints' errors do not change
     mean = _CM * error / alone.size
     already = views.covers[list(chosen)]
     seen_by = already.sum(axis=0) + views.covers

@@ -41,7 +41,7 @@ class ComparedPlacement(msgspec.Struct, frozen=True, eq=False):
     """A row of the table.
 
     Attributes:
-        name: what is compared, such as ``90°`` or ``height 1.4 m``.
+        name: name of the compared placement, such as ``90°`` or ``height 1.4 m``.
         score: its score; None if it does not fit into the room.
     """
 

@@ -120,7 +120,7 @@ def scene_toml(views: RoomViews, score: PlacementScore) -> bytes:
 
 
 def layout_json(views: RoomViews, score: PlacementScore) -> bytes:
-    """Return a sensor layout with the proposal's poses, from which `mocapella serve` can begin its calibration."""
+    """Return a sensor layout with the proposal's poses, as a start for the calibration of `mocapella serve`."""
     sensors = {
         sensor_name(i): LayoutSensor(views.sensor(pose).T_world_sensor.tolist(), BY_TAPE_MM, BY_EYE_DEG)
         for i, pose in enumerate(score.poses, 1)

@@ -96,7 +96,7 @@ class PlannedSensors:
 
     @property
     def model(self) -> SensorModel:
-        """The optics: those of the kind, with the given field of view and range in their place."""
+        """The kind's optics, with the field of view and range replaced by the given ones."""
         known = SENSOR_MODELS[self.kind]
         fov, reach = self.fov_deg or known.fov_deg, self.range_m or known.range_m
         return SensorModel((fov[0], fov[1]), (reach[0], reach[1]), known.size_px)
@@ -201,7 +201,7 @@ class PlanWeights:
 
 @dataclass(frozen=True)
 class PlannedRoom:
-    """A room in which sensors are to be placed.
+    """A room to place sensors in.
 
     Attributes:
         width, depth, height: extent along x, z and up [m].

@@ -41,7 +41,7 @@ Bools = NDArray[np.bool_]
 MOST_TRIED: Final = 10_000_000
 """Most joints that all poses together look at; a larger room gets larger cells."""
 COARSER: Final = 1.2
-"""Factor by which cells and spacings of sites grow until the work is within its bounds."""
+"""Growth factor of cells and of the spacings of sites, repeated until the work is within its bounds."""
 ASIDE_DEG: Final = (0.0, -20.0, 20.0, -40.0, 40.0)
 """Yaws of a pose, relative to the direction of the area's middle [deg]."""
 AROUND_DEG: Final = tuple(np.arange(0.0, 360.0, 30.0).tolist())
@@ -99,7 +99,7 @@ class LensView:
 
 
 class RoomViews:
-    """Cells, lenses and poses of a room, and what they see.
+    """Cells, lenses and poses of a room, and the joints and cells that they see.
 
     Args:
         room: the room.

@@ -49,7 +49,7 @@ def blocked(eye: Float64, targets: Float64, things: Obstacles) -> Bools:
 
 
 def _slab(start: float, step: Float64, low: float, high: float) -> tuple[Float64, Float64]:
-    """Range of fractions of the way (...,) in which a coordinate is between two bounds; (1, 0) if it never is."""
+    """Range of fractions of the way (...,) where a coordinate is between two bounds; (1, 0) if it never is."""
     flat = np.abs(step) < 1e-12
     safe = np.where(flat, 1.0, step)
     a, b = (low - start) / safe, (high - start) / safe

@@ -34,7 +34,7 @@ Float64 = NDArray[np.float64]
 STAYS: Final = 12
 """Number of stays in a simulated session."""
 STAY_S: Final = 1.5
-"""Duration of a stay, of which the last second is scored [s]."""
+"""Duration of a stay; its last second is scored [s]."""
 RATE_HZ: Final = 15.0
 """Frame rate of the simulated sensors, half a Kinect v2's, for speed [Hz]."""
 _SCORED_S: Final = 1.0
@@ -75,12 +75,12 @@ class CheckSummary(msgspec.Struct, frozen=True):
 
     Attributes:
         sessions, stays: their numbers.
-        missing: number of stays in which the person was not tracked.
+        missing: number of stays without a tracked person.
         rank_of_stays: Spearman's rank correlation of predicted and simulated error over stays.
         rank_of_placements: the same over placements, of their mean errors.
         predicted_cm, simulated_cm: mean errors [cm].
         ratio: simulated over predicted mean error.
-        covered_percent: of the stays that a sensor is predicted to cover, the share in which it sees the person [%].
+        covered_percent: of the stays that a sensor is predicted to cover, the share where it sees the person [%].
         also_seen_percent: the same of the other stays; people of some heights are seen where not all are [%].
     """
 
