@@ -366,7 +366,7 @@ def test_the_study_is_named_as_text_and_leads_to_its_pages() -> None:
     assert study_html(None) == ""
     html = study_html(StudyStatus("Walking <about>", ("P01",)))
     assert "Walking &lt;about&gt;" in html
-    assert "nobody takes part yet" in html
+    assert "no participant yet" in html
     assert 'href="/study"' in html
     assert 'href="/participant"' in html
     assert "participant P01, running" in study_html(StudyStatus("t", ("P01",), "P01", phase="running"))

@@ -55,7 +55,7 @@ def analyze(
 ) -> None:
     """Clean a study's recordings, tabulate how far the sensors' views of a person lie apart, and write a report.
 
-    docs/studies.md says what is read, cleaned and computed. Exit status: 3 if a recording could not be read, or only
+    docs/studies.md describes the cleaning and the formulas. Exit status: 3 if a recording could not be read, or only
     in part, and the rest was analysed.
 
     Example:  mocapella study analyze recordings/ --out results/

@@ -96,7 +96,7 @@ def tasks(
 ) -> None:
     """Print a participant's tasks in their order.
 
-    If the participant's session has begun, they are those of the session, whatever the protocol says by now.
+    If the participant's session has begun, the session's own plan is printed, not the protocol's.
 
     Example:  mocapella study tasks my-study P07
     """
@@ -132,7 +132,7 @@ def verify(
     ] = None,
     json: JsonOut = None,
 ) -> None:
-    """Compare every file of a study with its manifest: what is missing, changed or not in it.
+    """Compare every file of a study with its manifest: missing, changed and unknown files.
 
     Exit status: 1 if anything is.
 

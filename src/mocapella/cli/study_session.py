@@ -27,10 +27,10 @@ def run(
     settings: Annotated[list[str] | None, set_option(ServeKeys, method_keys)] = None,
     json: JsonOut = None,
 ) -> None:
-    """Serve a session in which participants do a study's tasks; sensors connect as to `mocapella serve`.
+    """Lead participants through a study's tasks, live; sensors connect as to `mocapella serve`.
 
     It prints the address of the researcher's page and of the participant's screen, and goes on with a session that
-    was interrupted. docs/studies-session.md says what is recorded.
+    was interrupted. docs/studies-session.md describes its takes.
 
     Example:  mocapella study run my-study --by OP1 --sensors 2
     """

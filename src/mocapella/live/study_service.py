@@ -242,7 +242,7 @@ class StudyService:
 
     def _act(self, do: Any, text: str = "", *, forced: bool = False) -> str:
         if self._state is None:
-            raise NotNowError("nobody takes part yet; begin with a participant first")
+            raise NotNowError("no participant yet; begin with a participant first")
         before = self._state
         state, events = advance(before, StudyAction(do, text, forced=forced), self._now_ns())
         if before.phase == "waiting" and state.phase == "instruction":

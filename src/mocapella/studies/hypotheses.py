@@ -318,10 +318,10 @@ def tested_designs(design: CompleteDesign) -> list[tuple[str, list[EffectTest]]]
 
 def deciding_design(design: CompleteDesign) -> tuple[str, str]:
     """Return the name of the test that decides about placements, and the reason."""
-    n, everybody = len(design.participants), len(participants_of(design.available))
+    n, available = len(design.participants), len(participants_of(design.available))
     if n < FEWEST:
-        reason = f"only {n} of {everybody} participants have all combinations"
-        return ("mixed model", reason) if everybody > n and everybody >= FEWEST else ("", reason)
+        reason = f"only {n} of {available} participants have all combinations"
+        return ("mixed model", reason) if available > n and available >= FEWEST else ("", reason)
     normality = residual_normality(design.values)
     if normality < ALPHA and len(design.placements) > 2:
         return "Friedman", f"the residuals of the ANOVA are not normal (Shapiro–Wilk p {p_text(normality)})"

@@ -175,7 +175,7 @@ def study_html(study: StudyStatus | None) -> str:
     """Return the line about the study that the session runs, with links to its pages; empty if it runs none."""
     if study is None:
         return ""
-    who = f"participant {study.participant}, {study.phase}" if study.participant else "nobody takes part yet"
+    who = f"participant {study.participant}, {study.phase}" if study.participant else "no participant yet"
     links = ", ".join(
         f'<a href="/{page}" target="_blank" style="color:#5eb0ff">{name}</a>'
         for page, name in (("study", "researcher's page"), ("participant", "participant's screen"))
