@@ -111,6 +111,7 @@ def test_a_command_is_recorded_and_one_that_makes_a_new_tracker_begins_a_run(
     place: Place, tmp_path: Path, verb: str, makes_a_run: bool
 ) -> None:
     place.begin(tmp_path / "a.mcap")
+    place.session.trackers += makes_a_run
     place.service.record_command(verb, {"some": 1}, "someone")
     place.service.finish()
     take = read_take(tmp_path / "a.mcap")
@@ -118,12 +119,23 @@ def test_a_command_is_recorded_and_one_that_makes_a_new_tracker_begins_a_run(
     assert commands[0] == ("restore", None)  # of what the tracker knew at the beginning
     assert commands[1:] == ([] if makes_a_run else [(verb, "someone")])
     assert len(take.runs) == 1 + makes_a_run
+    assert [run.info.continues for run in take.runs] == [False] * len(take.runs)
+
+
+def test_a_setup_under_which_the_tracker_goes_on_begins_a_run_with_its_snapshot(place: Place, tmp_path: Path) -> None:
+    place.begin(tmp_path / "a.mcap")
+    place.service.record_command("setup", {})
+    place.service.finish()
+    take = read_take(tmp_path / "a.mcap")
+    assert [run.info.continues for run in take.runs] == [False, True]
+    assert [[one.values["verb"] for one in take.commands(run)] for run in (0, 1)] == [["restore"], ["restore"]]
 
 
 @pytest.mark.parametrize("running", [True, False])
 def test_a_session_that_does_not_run_is_recorded_as_stopped(place: Place, tmp_path: Path, running: bool) -> None:
     place.session.running = running
     place.begin(tmp_path / "a.mcap")
+    place.session.trackers += 1
     place.service.record_command("setup", {})
     place.service.finish()
     verbs = [one.values["verb"] for one in read_take(tmp_path / "a.mcap").commands()]
