@@ -20,7 +20,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.evaluation.calibration_in_place import INFERRED_S
 from mocapella.model.observations import Arrival
-from mocapella.model.scene import Scene
+from mocapella.model.scene import Phase, Scene
 from mocapella.model.session import PLACEMENTS, Setup
 from mocapella.model.study_log import YEAR_1_TO_1970_MS
 from mocapella.recording.study_export import export_study_log
@@ -59,7 +59,8 @@ ONE_CALIBRATION: Final = StandStillTrackerSettings(regain_within_m=float("inf"))
 """The thesis' logs have one calibration for each file: a lost participant is the same wherever seen again."""
 MOST_SEEDS: Final = 1000
 _STEP_M: Final = 0.35
-_STILL_S: Final = 8.0
+STILL_S: Final = (8.0, 16.0, 32.0)
+"""Times for which participants stand for the calibration, one after the other until it succeeds [s]."""
 _STATIONARY_S: Final = 5.0
 
 
@@ -76,14 +77,15 @@ class TaskTimes(msgspec.Struct, frozen=True):
     ends_s: float
 
 
-def founding_room(placement: str, seed: int) -> tuple[Room, tuple[TaskTimes, ...]]:
+def founding_room(placement: str, seed: int, still_s: float = STILL_S[0]) -> tuple[Room, tuple[TaskTimes, ...]]:
     """Build the room of one participant and placement; return it and the times of the tasks.
 
     Args:
         placement: key of `SECOND`.
         seed: number of the participant, and random seed.
+        still_s: time for which the participant stands for the calibration [s].
     """
-    words, tasks = _route()
+    words, tasks = _route(still_s)
     rng = np.random.default_rng([seed, 2015])
     person = PersonSettings(CENTRE_M, "route", route=words, stature=float(rng.uniform(*STATURES_M)))
     front = SensorSettings(FRONT, clock_offset_s=1000.0, errors=KIND, forget_s=INFERRED_S)
@@ -128,9 +130,11 @@ def write_founding_logs(
 def founding_scenes(placement: str, seed: int) -> Iterator[tuple[Setup, Scene, int]]:
     """Yield the scenes of the method ``stand-still`` during the tasks, each with its labels and ``Tracker_Time`` [ms].
 
+    As the researcher waits for the calibration, the participant stands for the first time of `STILL_S` that is enough.
     ``placement`` and ``seed`` are as in `founding_room`.
     """
-    room, tasks = founding_room(placement, seed)
+    rooms = (founding_room(placement, seed, still_s) for still_s in STILL_S)
+    room, tasks = next((one for one in rooms if _is_calibrated(*one)), founding_room(placement, seed))
     names = room.sensor_names
     tracker = StandStillTracker(ONE_CALIBRATION, sensors_expected=len(names))
     setups = {
@@ -147,7 +151,19 @@ def founding_scenes(placement: str, seed: int) -> Iterator[tuple[Setup, Scene, i
             yield setups[task.scenario], scene, YEAR_1_TO_1970_MS + at_ns // 1_000_000
 
 
-def _route() -> tuple[tuple[str, ...], tuple[TaskTimes, ...]]:
+def _is_calibrated(room: Room, tasks: Sequence[TaskTimes]) -> bool:
+    """Whether the method ``stand-still`` is calibrated when the first task begins."""
+    names = room.sensor_names
+    tracker = StandStillTracker(ONE_CALIBRATION, sensors_expected=len(names))
+    sensors = [SimulatedSensor(room, name) for name in names]
+    phase = Phase.WAITING_FOR_SENSORS
+    for item in merge(sensors, 0.0, tasks[0].begins_s):
+        at_ns = BEGINS_NS + round(item.due_s * NS_PER_S)
+        phase = tracker.update(Arrival(item.frame, at_ns)).state.phase
+    return phase is Phase.TRACKING
+
+
+def _route(still_s: float) -> tuple[tuple[str, ...], tuple[TaskTimes, ...]]:
     """The words of a participant's route, and the times of the tasks in it."""
     x, z = CENTRE_M
     left, right = x - BLOCK_M[0] / 2, x + BLOCK_M[0] / 2
@@ -160,7 +176,7 @@ def _route() -> tuple[tuple[str, ...], tuple[TaskTimes, ...]]:
     diagonals = [(right, front), (left, back), (left, front)]
     walk = [f"go {to[0]} {to[1]}" for to in square] + ["turn 180"] + [f"go {to[0]} {to[1]}" for to in diagonals]
     parts = {
-        "": ["stand 0.1", f"stand {_STILL_S}"],
+        "": ["stand 0.1", f"stand {still_s}"],
         "stationary": [f"stand {_STATIONARY_S}"],
         "steps": steps * 2,
         " to the block's corner": [f"go {left} {back}", "turn 180", "stand 1"],
