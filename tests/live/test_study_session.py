@@ -1,4 +1,4 @@
-"""A study's session with whole processes and a real browser, from the first instruction to the logs of its tasks."""
+"""A study's session with whole processes and a real browser, from the first instruction to the report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from support.browser import FLAGS
-from support.programs import Program, free_port, wait_until
+from support.programs import Program, free_port, run_here, wait_until
 
 from mocapella.recording.study_log import read_study_log
 from mocapella.recording.take_reader import read_take
@@ -91,7 +91,7 @@ def address_of(program: Program, line: str) -> str:
     return program.output.partition(f"\n{line}")[2].split()[0]
 
 
-def test_ten_tasks_from_the_first_instruction_to_their_logs_with_a_kill_in_the_middle(
+def test_ten_tasks_from_the_first_instruction_to_the_report_with_a_kill_in_the_middle(
     tmp_path: Path, browser: Any
 ) -> None:
     study = new_study(tmp_path / "study", protocol().encode(), by="op-1", at=NOW)
@@ -163,6 +163,12 @@ def test_ten_tasks_from_the_first_instruction_to_their_logs_with_a_kill_in_the_m
         researcher.page.close()
     assert "Traceback" not in server.output
     looks_whole(study.path)
+    done = run_here(tmp_path, "study", "analyze", "study", "--out", "results")
+    assert done.returncode == 0, done.stderr
+    report = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    assert "1 participant" in report
+    for task in ("stationary", "steps", "walk", "around-first", "scenario-9", "scenario-10"):  # by numbers 1 to 10
+        assert task in report
 
 
 def looks_whole(path: Path) -> None:
