@@ -10,6 +10,7 @@ from mocapella.model.arms import ArmFrame
 from mocapella.model.depth import DepthFrame
 from mocapella.model.frame_types import FrameType
 from mocapella.model.images import ImageFrame
+from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame
 from mocapella.model.poses import PoseFrame
@@ -20,6 +21,7 @@ from mocapella.schema.checks import MAX_MESSAGE_BYTES, parse
 from mocapella.schema.depth import depth_frame_of, encode_depth_frame
 from mocapella.schema.envelope import protobuf_format
 from mocapella.schema.images import encode_image_frame, image_frame_of
+from mocapella.schema.keypoints import encode_keypoint_frame, keypoint_frame_of
 from mocapella.schema.markers import encode_marker_frame, marker_frame_of
 from mocapella.schema.poses import encode_pose_frame, pose_frame_of
 
@@ -62,4 +64,9 @@ IMAGES: Final = FrameType(
     lane="mocapella.viewer.lanes:IMAGES", pictures=True,
     resolver="mocapella.sources.referenced_images:ReferencedImages",
     history_frames=600,  # each takes a hundred times as much as other frames: twenty seconds at 30 a second
+)  # fmt: skip
+KEYPOINTS: Final = FrameType(
+    interface=1, name="keypoints", type=KeypointFrame, encode=encode_keypoint_frame,
+    decode=partial(_read, pb.KeypointFrame, keypoint_frame_of), format=protobuf_format("KeypointFrame"), field=70,
+    counted=("person", "people"), pictures=True,
 )  # fmt: skip

@@ -207,6 +207,36 @@ class ImageFrame(_message.Message):
     empty_room: bool
     def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., format: _Optional[str] = ..., image: _Optional[bytes] = ..., empty_room: bool = ...) -> None: ...
 
+class KeypointFrame(_message.Message):
+    __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "topology", "width_px", "height_px", "ids", "positions_px", "confidences", "relative_m")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    NODE_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_NS_FIELD_NUMBER: _ClassVar[int]
+    TOPOLOGY_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    IDS_FIELD_NUMBER: _ClassVar[int]
+    POSITIONS_PX_FIELD_NUMBER: _ClassVar[int]
+    CONFIDENCES_FIELD_NUMBER: _ClassVar[int]
+    RELATIVE_M_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    sensor: str
+    node_id: int
+    sequence: int
+    time_ns: int
+    sent_ns: int
+    topology: str
+    width_px: int
+    height_px: int
+    ids: bytes
+    positions_px: bytes
+    confidences: bytes
+    relative_m: bytes
+    def __init__(self, schema_version: _Optional[int] = ..., sensor: _Optional[str] = ..., node_id: _Optional[int] = ..., sequence: _Optional[int] = ..., time_ns: _Optional[int] = ..., sent_ns: _Optional[int] = ..., topology: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., ids: _Optional[bytes] = ..., positions_px: _Optional[bytes] = ..., confidences: _Optional[bytes] = ..., relative_m: _Optional[bytes] = ...) -> None: ...
+
 class OtherFrame(_message.Message):
     __slots__ = ("schema_version", "sensor", "node_id", "sequence", "time_ns", "sent_ns", "kind", "content")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
