@@ -1,4 +1,7 @@
-"""The analysis of a study, beside `pandas.read_csv` of the same files: rows a second, and memory."""
+"""The analysis of a study in one process, beside `pandas.read_csv` of the same files: rows a second, and memory.
+
+There is one thread: a second one would wait for Python's lock. `python -m benchmarks study_engines` has processes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks.harness import Row, at_least, at_most, compared, measured
-from mocapella.studies.analysis import analyze_files, merge
+from mocapella.studies.analysis import analyze_file, merge
 from mocapella.studies.recordings import find_recordings
 from mocapella.studies.study_tables import tables_of
 
@@ -32,7 +35,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 def analyzed(folder: Path) -> int:
     """Analyse a folder up to its tables; return the number of rows."""
     found = find_recordings(folder)
-    results = merge(analyze_files(found.paths), found.findings)
+    results = merge(map(analyze_file, found.paths), found.findings)
     tables_of(results)
     return sum(one.rows for one in results.files)
 

@@ -22,16 +22,20 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_tables_are_in_a_new_folder_and_in_the_json(study: Path) -> None:
-    found = result_here(study, "study", "analyze", "data", "--out", "out", "--json", "-")
+    found = result_here(study, "study", "analyze", "data", "--out", "out", "--tables-only", "--json", "-")
     assert (found["rows"], found["used"], found["participants"], found["findings"]) == (24, 24, ["7"], [])
     assert [row[0] for row in found["tables"]["overall"]["rows"]] == ["Stationary", "Steps", "Walk", "Average"]
+    assert not (study / "out" / "report.html").exists()
     names = sorted(path.name for path in (study / "out" / "tables").iterdir())
     assert names == sorted(f"{name}.{end}" for name in found["tables"] for end in ("csv", "md", "tex"))
 
 
-def test_what_is_printed(study: Path) -> None:
+def test_what_is_printed_and_that_a_report_is_written(study: Path) -> None:
     done = run_here(study, "study", "analyze", "data", "--out", "out")
     assert done.returncode == 0
+    assert (study / "out" / "report.html").is_file()
+    tables = {path.stem for path in (study / "out" / "tables").iterdir()}
+    assert {"overall", "intervals", "h1-within-limit"} <= tables
     assert "1 recordings of 1 participants, 24 rows, 24 of them in pairs" in done.stdout
     assert "Δd by task and placement" in done.stdout
     assert "tables in out/tables" in done.stderr
@@ -41,7 +45,7 @@ def test_a_damaged_recording_is_named_and_the_rest_is_analysed(study: Path) -> N
     text = (study / "data" / "first.csv").read_text()
     examples.saved(study / "data", text[:-300], "cut.csv")
     examples.saved(study / "data", "no gzip", "broken.csv.gz")
-    done = run_here(study, "study", "analyze", "data", "--out", "out")
+    done = run_here(study, "study", "analyze", "data", "--out", "out", "--tables-only")
     assert done.returncode == 3
     assert "broken.csv.gz: is not gzip-compressed: the file is left out" in done.stdout
     assert "cut.csv: row 25: the row has" in done.stdout
@@ -77,5 +81,6 @@ def test_what_is_refused(study: Path, words: list[str], problem: str) -> None:
 def test_only_chosen_participants(study: Path) -> None:
     second = msgspec.structs.replace(log_of(frames=12), study_id=np.full(24, 8))
     write_study_log(study / "data" / "second.csv", second.rows())
-    found = result_here(study, "study", "analyze", "data", "--out", "out", "--participants", "8", "--json", "-")
+    words = ("--participants", "8", "--tables-only", "--json", "-")
+    found = result_here(study, "study", "analyze", "data", "--out", "out", *words)
     assert found["participants"] == ["8"]

@@ -12,7 +12,7 @@ from support.programs import result_here, run_here
 from mocapella.studies.progress import StudyAction, advance, begin
 from mocapella.studies.protocol import plan, protocol_bytes
 from mocapella.studies.state_file import load_session, new_session, save_session
-from mocapella.studies.study_folder import open_study
+from mocapella.studies.study_folder import open_study, read_manifest
 
 START = 1_700_000_000 * take_making.SECOND
 BY = ("--by", "OP1")
@@ -81,18 +81,23 @@ def test_tasks_are_those_of_the_session_once_it_has_begun(folder: Path) -> None:
     assert "the protocol was edited after the session began (task_order)" in done.stderr
 
 
+def act(folder: Path, action: StudyAction) -> None:
+    """Go on with the participant's session."""
+    file = folder / "s/participants/P07/session.json"
+    session = load_session(file)
+    save_session(file, session.after(advance(session.state, action, START * 2)))
+
+
 def test_verify_names_what_is_not_as_in_the_manifest_and_adds_it(folder: Path) -> None:
     begin_session(folder)
     done = run_here(folder, "study", "verify", "s")
     assert done.returncode == 1
     assert "not in the manifest: participants/P07/first.mcap" in done.stderr
     assert result_here(folder, "study", "verify", "s", "--add", "OP2")["whole"]
-    save_session(
-        folder / "s/participants/P07/session.json",
-        load_session(folder / "s/participants/P07/session.json").after(
-            advance(load_session(folder / "s/participants/P07/session.json").state, StudyAction("mark", "a"), START * 2)
-        ),
-    )
+    act(folder, StudyAction("mark", "a"))
+    done = run_here(folder, "study", "verify", "s")
+    assert (done.returncode, "in progress: participants/P07/session.json" in done.stderr) == (0, True)
+    act(folder, StudyAction("abort"))
     assert run_here(folder, "study", "verify", "s").returncode == 1
     assert result_here(folder, "study", "verify", "s", "--add", "OP2")["whole"]
     (folder / "s/participants/P07/first.mcap").write_bytes(b"other")
@@ -119,6 +124,19 @@ def test_logs_are_written_once(folder: Path) -> None:
         "001-right-45-stationary-1.people.parquet",
         "001-right-45-stationary-1.events.parquet",
     ]
+    assert result_here(folder, "study", "verify", "s")["whole"]
+    assert result_here(folder, "study", "logs", "s", *BY)["P07"] == []
+
+
+def test_a_task_without_anybody_is_named_and_the_manifest_says_so(folder: Path) -> None:
+    pytest.importorskip("polars")
+    begin_session(folder)
+    (folder / "s/participants/P07/first.mcap").unlink()
+    done = run_here(folder, "study", "logs", "s", *BY)
+    assert "P07: nobody was tracked in stationary (right-45, repetition 1); it has no log" in done.stderr
+    (row,) = (row for row in read_manifest(folder / "s").files if "/logs/" in row.path)
+    assert row.path.endswith("001-right-45-stationary-1.events.parquet")
+    assert row.settings["problem"] == "no person was tracked"
     assert result_here(folder, "study", "verify", "s")["whole"]
     assert result_here(folder, "study", "logs", "s", *BY)["P07"] == []
 

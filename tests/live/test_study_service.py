@@ -17,8 +17,9 @@ from support.programs import wait_until
 from mocapella.errors import DiskFullError, MocapellaError, NotNowError, SettingsError, TakeExistsError
 from mocapella.live.study_service import StudyRecording, StudyService
 from mocapella.model.session import STUDY_EVENT, Setup
-from mocapella.studies.progress import StudyEvent, StudyState
+from mocapella.studies.progress import NOTHING_TRACKED, StudyEvent, StudyState
 from mocapella.studies.protocol import StudyProtocol, protocol_from_toml
+from mocapella.studies.task_runs import empty_runs, valid_runs
 
 S = 1_000_000_000
 PROTOCOL = protocol_from_toml(
@@ -312,6 +313,56 @@ def test_an_interrupted_session_goes_on_paused_with_its_take(room: Room) -> None
         assert other.setup.scenario == "stand"
     finally:
         other.service.close()
+
+
+def finish_a_task(room: Room, results: int) -> None:
+    """Begin the present task from its instruction, and end it after so many results."""
+    room.do("next")
+    room.results += results
+    while room.status.phase == "running":
+        room.do("next", forced="yes")
+
+
+def ends(room: Room) -> list[str]:
+    wait_until("all is kept", lambda: room.store.saved is not None and room.store.saved.phase == "between")
+    return [event.note.rpartition("; ")[2] for event in room.store.events if event.what == "finished"]
+
+
+def test_a_task_during_which_nobody_was_tracked_is_noted_at_its_end(room: Room) -> None:
+    room.do("begin", participant="P01")
+    room.do("next")
+    finish_a_task(room, results=0)
+    assert ends(room) == [NOTHING_TRACKED]
+    assert [run.empty for run in valid_runs(room.store.events)] == [True]
+    room.do("repeat")
+    finish_a_task(room, results=1)
+    wait_until("it is kept", lambda: [run.attempt for run in valid_runs(room.store.events)] == [2])
+    assert empty_runs(room.store.events) == ()
+
+
+def test_results_of_all_parts_of_an_interrupted_task_count(room: Room) -> None:
+    room.do("begin", participant="P01")
+    room.do("next")
+    room.do("next")
+    room.results += 1
+    room.do("pause")
+    room.results += 5  # nobody's
+    room.do("resume")
+    while room.status.phase == "running":
+        room.do("next", forced="yes")
+    assert ends(room) == [""]
+
+
+def test_results_in_a_pause_do_not_count(room: Room) -> None:
+    room.do("begin", participant="P01")
+    room.do("next")
+    room.do("next")
+    room.do("pause")
+    room.results += 5
+    room.do("resume")
+    while room.status.phase == "running":
+        room.do("next", forced="yes")
+    assert ends(room) == [NOTHING_TRACKED]
 
 
 def test_a_take_that_was_ended_properly_gets_a_second_one(room: Room) -> None:

@@ -13,7 +13,7 @@ from mocapella.errors import InputError, NotNowError, RecordingError, SettingsEr
 from mocapella.live.server import Server, ServerSettings
 from mocapella.live.study_store import FolderStore
 from mocapella.model.session import Setup
-from mocapella.studies.progress import StudyAction, StudyEvent, StudyState, advance, begin
+from mocapella.studies.progress import NOTHING_TRACKED, StudyAction, StudyEvent, StudyState, advance, begin
 from mocapella.studies.protocol import plan
 from mocapella.studies.study_folder import give_consent, new_study, read_manifest, verify_study
 from mocapella.wire.reader import send_command
@@ -107,6 +107,57 @@ def test_takes_of_a_placement_have_names_of_their_own_and_come_into_the_manifest
         "participant.json", "protocol.toml", "right-45.mcap", "session.json",
     ]  # fmt: skip
     assert verify_study(folder).unknown == ("participants/P01/right-45-again-1.mcap",)
+
+
+def test_a_session_is_in_progress_until_it_ends_and_then_in_the_manifest(folder: Path) -> None:
+    one = store(folder)
+    state, events = begun(one)
+    for action in ("next", "mark", "abort"):
+        one.save(state, events)
+        check = verify_study(folder)
+        assert (check.whole, check.ongoing) == (True, ("participants/P01/session.json",))
+        state, events = advance(state, StudyAction(action), state.at_ns + 5)  # type: ignore[arg-type]
+    one.save(state, events)
+    check = verify_study(folder)
+    assert (check.whole, check.ongoing) == (True, ())
+    (folder / "participants/P01/session.json").write_text("{}")
+    assert verify_study(folder).changed == ("participants/P01/session.json",)
+
+
+def test_the_researcher_is_told_of_a_task_without_anybody_until_it_is_repeated(folder: Path) -> None:
+    one = store(folder)
+    state, events = begun(one)
+    one.save(state, events)
+    for action in ("next", "next", "next"):
+        state, events = advance(state, StudyAction(action), state.at_ns + 5)  # type: ignore[arg-type]
+        events = tuple(
+            msgspec.structs.replace(event, note=NOTHING_TRACKED) if event.what == "finished" else event
+            for event in events
+        )
+        one.save(state, events)
+    (note,) = one.notes
+    assert note.startswith("nobody was tracked in stand (right-45, repetition 1)")
+    other = store(folder)
+    other.load()
+    assert other.notes == one.notes
+    one.save(*advance(state, StudyAction("repeat"), state.at_ns + 5))
+    assert one.notes == ()
+
+
+def test_a_take_that_ctrl_c_ends_is_in_the_manifest_when_the_server_has_ended(folder: Path) -> None:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    server = Server(ServerSettings(address, takes=folder, setup=Setup("stand-still"), study=store(folder)))
+    reader = open_reader(address)
+    try:
+        for verb, arguments in (("begin", {"participant": "P01"}), ("next", {})):
+            assert send_command(reader, f"study-{verb}", arguments, 20.0).ok
+    finally:
+        reader.close()  # type: ignore[no-untyped-call]
+        health = server.close()
+    assert health.path.endswith("right-45.mcap")
+    check = verify_study(folder)
+    assert (check.unknown, check.changed, check.whole) == ((), (), True)
+    assert "participants/P01/right-45.mcap" in [row.path for row in read_manifest(folder).files]
 
 
 def test_a_study_takes_no_names_of_people(folder: Path) -> None:

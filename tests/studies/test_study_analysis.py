@@ -21,9 +21,10 @@ from mocapella.errors import InputError, SettingsError
 from mocapella.evaluation.study_pairs import pairs_of
 from mocapella.model.study_log import StudyLog
 from mocapella.recording.study_log import write_study_log
-from mocapella.studies.analysis import NOT_SAID, analyze_file, analyze_files, merge
+from mocapella.studies.analysis import analyze_file, merge
 from mocapella.studies.cleaning import STEPS, RowCleaner, only
 from mocapella.studies.differences import AlignedPairs
+from mocapella.studies.naming import NOT_SAID
 from mocapella.studies.pairing import LOOK_ROWS, RowPairing, joined
 from mocapella.studies.recordings import find_recordings
 from mocapella.studies.results import ComparedViews, FileResults, StudyResults
@@ -232,7 +233,7 @@ def test_merging_in_pieces_and_other_names_change_nothing_but_the_order(
     renamed = [folder / f"x{k}.csv" for k in order]
     for path, name in zip(files, renamed, strict=True):
         path.rename(name)
-    assert figures(merge(analyze_files(renamed))) == figures(whole)
+    assert figures(merge(map(analyze_file, renamed))) == figures(whole)
 
 
 @quick

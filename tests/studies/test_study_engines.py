@@ -82,7 +82,8 @@ def test_nothing_is_started_for_no_items(monkeypatch: pytest.MonkeyPatch) -> Non
     assert run_each(engine_items.sums, [], "dask") == run_each(engine_items.sums, [], "local:2") == []
 
 
-def test_an_address_without_a_scheduler_is_an_error() -> None:
+def test_an_address_without_a_scheduler_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "CONNECT_S", 1.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{taken.getsockname()[1]}"
@@ -90,7 +91,8 @@ def test_an_address_without_a_scheduler_is_an_error() -> None:
         run_each(engine_items.sums, ITEMS, f"dask:{address}")
 
 
-def test_a_server_that_says_nothing_is_no_scheduler() -> None:
+def test_a_server_that_says_nothing_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "CONNECT_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(EngineError, match="no Dask scheduler answers"):

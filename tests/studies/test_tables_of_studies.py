@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocapella.recording.study_columns import TOPOLOGY
-from mocapella.studies.analysis import analyze_files, merge
+from mocapella.studies.analysis import analyze_file, merge
 from mocapella.studies.differences import AlignedPairs, difference_sums
 from mocapella.studies.recordings import find_recordings
 from mocapella.studies.results import BINS, ComparedViews, FileResults, StudyResults
@@ -26,7 +26,7 @@ CM = 0.005
 @pytest.fixture(scope="module")
 def real(study_logs: Path) -> StudyResults:
     found = find_recordings(study_logs)
-    return merge(analyze_files(found.paths), found.findings)
+    return merge(map(analyze_file, found.paths), found.findings)
 
 
 def named(tables: tuple[StudyTable, ...], name: str) -> dict[str, dict[str, object]]:

@@ -179,14 +179,18 @@ def test_an_attempt_that_was_repeated_is_not_logged(study: StudyFolder) -> None:
 def test_a_task_without_results_is_named(study: StudyFolder) -> None:
     act(study, ("next", 200), ("next", 210), ("next", 220))
     (log,) = write(study)
-    assert (log.take, log.rows, log.files) == ("", 0, ())
+    assert (log.take, log.rows, log.empty) == ("", 0, True)
+    assert [file.name for file in log.files] == ["001-right-45-stationary-1.events.parquet"]
+    assert polars.read_parquet(log.files[0])["what"].to_list()[-2:] == ["started", "finished"]
+    assert write(study)[0].files == ()
 
 
-def test_nothing_is_written_of_a_task_during_which_the_tracker_was_calibrating(study: StudyFolder) -> None:
+def test_a_task_during_which_the_tracker_was_calibrating_has_its_events_only(study: StudyFolder) -> None:
     write_take(study, phase=Phase.CALIBRATING)
     act(study, *TWO_TASKS)
-    assert [(log.take, log.rows, log.files) for log in write(study)] == [("parallel.mcap", 0, ())] * 2
-    assert list((study.path / "participants" / "P07" / "logs").iterdir()) == []
+    assert [(log.take, log.rows, log.empty) for log in write(study)] == [("parallel.mcap", 0, True)] * 2
+    files = (study.path / "participants" / "P07" / "logs").iterdir()
+    assert {file.name.partition(".")[2] for file in files} == {"events.parquet"}
 
 
 def test_a_name_that_was_given_in_the_view_does_not_reach_a_log(study: StudyFolder) -> None:

@@ -17,6 +17,7 @@ from mocapella.cli.common import JsonOut, Participants, console, say, write_json
 from mocapella.cli.evaluate import Methods
 
 if TYPE_CHECKING:
+    from mocapella.studies.naming import StudyNames
     from mocapella.studies.results import StudyResults
     from mocapella.studies.tables import StudyTable
 
@@ -62,13 +63,14 @@ def analyze(
     """
     from mocapella.errors import EvaluationError
     from mocapella.studies.analysis import check_participants, merge
+    from mocapella.studies.naming import names_of_study
     from mocapella.studies.recordings import find_recordings
     from mocapella.studies.study_tables import tables_of
     from mocapella.studies.table_files import new_folder, write_tables
     from mocapella.studies.whole_analysis import analyze_recordings, check_methods, measured_tables
 
-    found = find_recordings(folder)
-    codes = None if participants is None else [part.strip() for part in participants.split(",")]
+    found, names = find_recordings(folder), names_of_study(folder)
+    codes = None if participants is None else [_code(part.strip(), names) for part in participants.split(",")]
     named = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
     check_methods(named)
     with console.status("reading …") as status:
@@ -77,9 +79,11 @@ def analyze(
             participants=codes,
             methods=named,
             engine=engine,
+            names=names,
             on_done=lambda name: status.update(f"analysed {name.replace('[', '(')} …"),
         )
-        results = merge(files, found.findings)
+        findings = (*found.findings, *(names.findings if names is not None else ()))
+        results = merge(files, findings, None if names is None else names.order)
         check_participants(results, codes)
         tables = (*tables_of(results), *measured_tables(results))
         reports = bool(results.summaries) and not tables_only
@@ -100,6 +104,11 @@ def analyze(
         raise EvaluationError(f"{folder}: no two views of a person at one time; the findings in {out} say why")
     if not all(one.whole for one in results.files):
         raise typer.Exit(DAMAGED)
+
+
+def _code(text: str, names: StudyNames | None) -> str:
+    """Return a participant's code in the study's folder, also by the number in the logs."""
+    return names.general.code(int(text)) if names is not None and text.isdecimal() else text
 
 
 def _as_json(results: StudyResults, tables: tuple[StudyTable, ...], out: Path) -> dict[str, Any]:

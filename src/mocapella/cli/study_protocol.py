@@ -134,6 +134,8 @@ def verify(
 ) -> None:
     """Compare every file of a study with its manifest: missing, changed and unknown files.
 
+    A session that has not ended is in progress: its file may change.
+
     Exit status: 1 if anything is.
 
     Example:  mocapella study verify my-study
@@ -144,13 +146,15 @@ def verify(
     with working(f"reading {folder} …", status=INTERRUPTED):
         found = verify_study(folder)
         if add is not None and not found.purging:
-            new = [*found.unknown, *filter(may_change, found.changed)]
+            new = [*found.unknown, *filter(may_change, found.changed), *found.ongoing]
             files = [folder / name for name in new if not (folder / name).is_symlink()]
             say(f"{len(add_files(study, files, by=add, at=datetime.now(UTC)))} files added to the manifest")
             found = verify_study(folder)
     for what, names in (("missing", found.missing), ("changed", found.changed), ("not in the manifest", found.unknown)):
         for name in names:
             say(f"{what}: {name}")
+    for name in found.ongoing:
+        say(f"in progress: {name}")
     if found.purging:
         say("a purge was interrupted; call `mocapella study purge` again with the same code")
     say(f"{folder}: {found.files} files, {'all as in the manifest' if found.whole else 'not as in the manifest'}")
@@ -267,11 +271,12 @@ def logs(folder: StudyDir, by: Operator, json: JsonOut = None) -> None:
         code = session.parent.name
         with working(f"writing the logs of {code} …", status=INTERRUPTED):
             written = write_logs(study, code, by=by, at=datetime.now(UTC))
-        fresh = [log for log in written if log.files]
+        fresh = [log for log in written if log.files and not log.empty]
         say(f"{code}: {len(fresh)} logs written, {sum(log.rows for log in fresh)} rows")
         for log in written:
-            if not log.take:
-                say(f"{code}: no take has results of {log.run.task} ({log.run.placement}, {log.run.repetition})")
+            if log.empty:
+                where = f"{log.run.task} ({log.run.placement}, repetition {log.run.repetition})"
+                say(f"{code}: nobody was tracked in {where}; it has no log")
         result[code] = [{**msgspec.to_builtins(log.run), "files": [str(file) for file in log.files]} for log in fresh]
     if not result:
         say("no participant has a session")

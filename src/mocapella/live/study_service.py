@@ -21,6 +21,8 @@ from mocapella.model.study_status import FloorMap, MapPoint, PlannedPart, StudyS
 from mocapella.settings import parse
 from mocapella.studies.participants import number_of
 from mocapella.studies.progress import (
+    ENDED,
+    NOTHING_TRACKED,
     WAIT,
     StudyAction,
     StudyEvent,
@@ -42,7 +44,6 @@ SAVED_EVERY_NS: Final = NS_PER_S
 """Interval at which the state is kept while nothing changes; a power failure costs as much of a running task [ns]."""
 SHOWN_EVERY_NS: Final = NS_PER_S // 10
 """Interval at which the shown state follows the time: more often than it is published, and not with each frame [ns]."""
-_NOTHING_LEFT: Final = ("done", "aborted")
 
 
 class StudyStore(Protocol):
@@ -160,7 +161,7 @@ class StudyService:
     def __init__(self, store: StudyStore, recording: StudyRecording, now_ns: Callable[[], int]) -> None:
         self._store, self._recording, self._now_ns = store, recording, now_ns
         self._state: StudyState | None = None
-        self._changes = self._results_before = self._saved_ns = self._shown_ns = 0
+        self._changes = self._results_before = self._results_task = self._saved_ns = self._shown_ns = 0
         self._recorded = ""
         self._keeper = _Keeper(store.save)
         self._actions: dict[str, Callable[[Mapping[str, Any]], str]] = {
@@ -192,6 +193,7 @@ class StudyService:
             return ""
         state, events = interrupted(state)
         self._state = state
+        self._results_task = 1  # of a task that was running before: nobody knows how many, so it gives no warning
         if state.phase != "waiting":
             self._record(state)
         self._take_up(state, events)
@@ -213,7 +215,7 @@ class StudyService:
     def beat(self) -> None:
         """Let time pass: steps end, and pauses. Call it at least ten times a second."""
         state = self._state
-        if state is None or state.phase in _NOTHING_LEFT:
+        if state is None or state.phase in ENDED:
             return
         now_ns = self._now_ns()
         due = due_ns(state)
@@ -224,7 +226,7 @@ class StudyService:
 
     def close(self) -> None:
         """Keep the newest state, and end."""
-        if self._state is not None and self._state.phase not in _NOTHING_LEFT:
+        if self._state is not None and self._state.phase not in ENDED:
             self._take_up(*advance(self._state, WAIT, self._now_ns()))
         self._keeper.close()
 
@@ -232,7 +234,7 @@ class StudyService:
         return lambda arguments: self._act(name)
 
     def _begin(self, arguments: Mapping[str, Any]) -> str:
-        if self._state is not None and self._state.phase not in _NOTHING_LEFT:
+        if self._state is not None and self._state.phase not in ENDED:
             raise NotNowError(f"participant {self._state.participant} takes part; finish or abort that session first")
         code = parse(_Who, arguments, where="study-begin").participant
         planned = plan(self._store.protocol, code)
@@ -277,8 +279,12 @@ class StudyService:
         Events are noted before the labels of a task that begins, and after the labels of a task that ends, so that all
         results of a run of the take with a scenario are of the running task.
         """
-        self._keeper.put(state, events)
         was_logged = self._state is not None and logging(self._state)
+        ended = any(event.what == "finished" for event in events)
+        if was_logged and (ended or not logging(state)):
+            self._results_task += self._recording.results() - self._results_before
+        events = tuple(map(self._with_note, events))
+        self._keeper.put(state, events)
         before, self._state, self._saved_ns = self._state, state, state.at_ns
         if events:
             labels = self._labels(state)
@@ -289,12 +295,20 @@ class StudyService:
             if logging(state):
                 self._label(labels)
             self._changes += before is None or _shown_step(before) != _shown_step(state)
-            if logging(state) and not was_logged:
+            if logging(state) and (ended or not was_logged):
                 self._results_before = self._recording.results()
-        if state.phase in _NOTHING_LEFT and events:
+        if state.phase in ENDED and events:
             self._recording.end_take()
             self._recorded = ""
         self._show(self._now_ns())
+
+    def _with_note(self, event: StudyEvent) -> StudyEvent:
+        """Count the results of an attempt from its start on, and note at its end if nobody was tracked."""
+        if event.what == "started":
+            self._results_task = 0
+        if event.what != "finished" or self._results_task:
+            return event
+        return msgspec.structs.replace(event, note="; ".join(filter(None, [event.note, NOTHING_TRACKED])))
 
     def _labels(self, state: StudyState) -> tuple[int, str, str]:
         task = state.planned.task.name if logging(state) else ""
@@ -345,7 +359,7 @@ class StudyService:
             logged=f"logging {task.name}: {results} results" if running else "",
             results=results,
             marks=len(state.marks),
-            actions=("begin",) if phase in _NOTHING_LEFT else possible(state),
+            actions=("begin",) if phase in ENDED else possible(state),
         )
 
 

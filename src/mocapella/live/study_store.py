@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Final
 
 from mocapella.errors import NotNowError, RecordingError
 from mocapella.recording.disk import free_name
 from mocapella.studies.participants import check_code
-from mocapella.studies.progress import StudyEvent, StudyState
+from mocapella.studies.progress import ENDED, StudyEvent, StudyState
 from mocapella.studies.protocol import StudyProtocol
 from mocapella.studies.state_file import SavedSession, load_session, new_session, reopen_session, save_session
 from mocapella.studies.study_folder import (
@@ -23,8 +23,7 @@ from mocapella.studies.study_folder import (
     open_study,
     read_consent,
 )
-
-_ENDED: Final = ("done", "aborted")
+from mocapella.studies.task_runs import empty_runs
 
 
 class FolderStore:
@@ -35,7 +34,7 @@ class FolderStore:
         operator: code of who runs the session, for the manifest.
 
     Attributes:
-        notes: what the researcher must know.
+        notes: what the researcher must know: an edited protocol, and tasks during which nobody was tracked.
 
     Raises:
         InputError: it is no study's folder, or cannot be read.
@@ -46,6 +45,8 @@ class FolderStore:
         self._study: StudyFolder = open_study(path)
         self._operator = check_code(operator)
         self._session: SavedSession | None = None
+        self._edited = ""
+        self._changing = threading.Lock()  # of the manifest, which `study logs` changes, too
         self.notes: tuple[str, ...] = ()
 
     @property
@@ -61,12 +62,12 @@ class FolderStore:
         """
         files = sorted((self._study.path / PARTICIPANTS).glob(f"*/{SESSION}"))
         open_ones = [(session.state.at_ns, file, session) for file in files
-                     if (session := load_session(file)).state.phase not in _ENDED]  # fmt: skip
+                     if (session := load_session(file)).state.phase not in ENDED]  # fmt: skip
         if not open_ones:
             return None
         _, file, self._session = max(open_ones, key=lambda one: one[0])
-        edited = reopen_session(file, self.protocol).edited
-        self.notes = tuple(filter(None, [edited]))
+        self._edited = reopen_session(file, self.protocol).edited
+        self._note()
         return self._session.state
 
     def begin(self, participant: str) -> None:
@@ -83,10 +84,10 @@ class FolderStore:
         if (folder / SESSION).exists():
             fix = f"move {folder} out of the study to begin anew"
             raise NotNowError(f"{participant} has taken part, and a session is never overwritten; {fix}")
-        self._session, self.notes = None, ()
+        self._session, self._edited, self.notes = None, "", ()
 
     def save(self, state: StudyState, events: tuple[StudyEvent, ...]) -> None:
-        """Keep a state, with the events since the last one.
+        """Keep a state, with the events since the last one; a session that ends comes into the manifest.
 
         Raises:
             InputError, SettingsError: it cannot be written.
@@ -95,6 +96,11 @@ class FolderStore:
         advanced = state, events
         self._session = new_session(self.protocol, advanced) if self._session is None else self._session.after(advanced)
         save_session(file, self._session)
+        if events:
+            self._note()
+        if state.phase in ENDED:
+            with self._changing:
+                add_files(self._study, [file], by=self._operator, at=datetime.now(UTC))
 
     def take(self, state: StudyState, *, again: bool = False) -> Path:
         """Return the path of the take of the present placement; with ``again`` of a further one.
@@ -113,17 +119,38 @@ class FolderStore:
         Raises:
             MocapellaError: it cannot be written.
         """
-        files = [take, take.parent / SESSION]
-        add_files(self._study, [file for file in files if file.exists()], by=self._operator, at=datetime.now(UTC))
+        if not take.is_relative_to(self._study.path):
+            return  # it was recorded beside the study
+        with self._changing:
+            files = [take, take.parent / SESSION]
+            add_files(self._study, [file for file in files if file.exists()], by=self._operator, at=datetime.now(UTC))
+            self._write_logs()
+
+    def _write_logs(self) -> None:
         words = ["study", "logs", str(self._study.path.absolute()), "--by", self._operator]
         done = subprocess.run(
-            [sys.executable, "-m", "mocapella", *words], stdin=subprocess.DEVNULL, capture_output=True, check=False
+            [sys.executable, "-m", "mocapella", *words],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            check=False,
+            start_new_session=True,  # Ctrl-C ends the server, and not this
         )
         if done.returncode:
             last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
             raise RecordingError(
                 f"no logs of tasks were written ({''.join(last)}); try again: mocapella {' '.join(words)}"
             )
+
+    def _note(self) -> None:
+        runs = empty_runs(self._session.events) if self._session is not None else ()
+        self.notes = (
+            *filter(None, [self._edited]),
+            *(
+                f"nobody was tracked in {run.task} ({run.placement}, repetition {run.repetition}): "
+                "repeat it before the participant leaves"
+                for run in runs
+            ),
+        )
 
     def _check_consent(self, participant: str, file: Path) -> None:
         how = f"mocapella study consent {self._study.path} {participant} --given {date.today().isoformat()}"

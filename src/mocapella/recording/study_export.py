@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ def rows_of(
     reference: str | None,
     tracker_time_ms: int,
     kinect_ids: Mapping[str, str] | None = None,
+    fixed: bool = False,
 ) -> list[StudyRow]:
     """Return the study log's rows of one scene: every view of every person, in the camera space of the reference view.
 
@@ -63,6 +64,8 @@ def rows_of(
         reference: name of the reference sensor, or None for each person's first view.
         tracker_time_ms: wall clock at the result, since the start of the year 1 [ms].
         kinect_ids: the log's ``kinect_id`` by the sensor's name; the name itself for other sensors or if None.
+        fixed: whether all rows are in the reference sensor's space where its pose is known, also of people whom it does
+            not see; their ``skeleton_id`` begins at 1.
 
     Source:
         the thesis' equations 7 and 8: T = R(θ)(p − C), and back with the reference sensor's θ and C.
@@ -70,8 +73,10 @@ def rows_of(
     rows = []
     for person in scene.people:
         views = reference_first(person, reference)
-        for skeleton_id, view in enumerate(views):
-            T_reference_world = rigid.inverse(views[0].T_world_sensor)
+        T_world_reference = _fixed_pose(scene, views, reference) if fixed else None
+        first = 0 if T_world_reference is None else 1
+        T_reference_world = rigid.inverse(views[0].T_world_sensor if T_world_reference is None else T_world_reference)
+        for skeleton_id, view in enumerate(views, first):
             positions = rigid.apply(T_reference_world, view.positions)
             init_angle, init_dist = stand_still_of(view.T_world_sensor)
             rows.append(
@@ -94,6 +99,13 @@ def rows_of(
     return rows
 
 
+def _fixed_pose(scene: Scene, views: Sequence[PotentialSkeleton], reference: str | None) -> NDArray[np.float64] | None:
+    """Return the pose of the reference sensor where it does not see a person; else None, or if it is unknown."""
+    if any(view.sensor == reference for view in views):
+        return None
+    return next((place.T_world_sensor for place in scene.sensors if place.sensor == reference), None)
+
+
 def stand_still_of(T_world_sensor: NDArray[np.float64]) -> tuple[float, float]:
     """Return a sensor's pose as in the thesis, T = R(θ)(p − C): the angle θ [rad] and the z of C [m].
 
@@ -112,6 +124,7 @@ def export_study_log(
     reference: str | None = None,
     every: int = 1,
     kinect_ids: Mapping[str, str] | None = None,
+    write: Callable[[Path | str, Iterable[StudyRow]], int] = write_study_log,
 ) -> ExportReport:
     """Write a study log of every n-th result, starting with the first; a result is a scene with tracked people.
 
@@ -120,9 +133,10 @@ def export_study_log(
     Args:
         scenes: scenes, each with its run's ``setup`` and its ``tracker_time_ms`` as in `rows_of`; scenes that are no
             results are skipped.
-        path: path of the new file, ``.csv`` or ``.csv.gz``.
+        path: path of the new file, ``.csv`` or ``.csv.gz`` as text.
         reference, kinect_ids: as in `rows_of`.
         every: n; the thesis logs every other result.
+        write: writes the rows to the path and returns their number; by default as text.
 
     Raises:
         SettingsError: ``every`` is below 1, a Kinect's id cannot be a cell of the log, or no written result has a view
@@ -132,7 +146,7 @@ def export_study_log(
     """
     check(every >= 1, "every", every, "1 or more")
     log = _Counting(reference, every, dict(kinect_ids or {}))
-    rows = write_study_log(path, log.rows(scenes, path))
+    rows = write(path, log.rows(scenes, path))
     return ExportReport(log.results, log.written, rows, log.without_reference, log.mirrored, log.not_tracking)
 
 

@@ -34,9 +34,9 @@ _TIME: Final = "Tracker_Time"
 """A title that all study logs have, and no other table."""
 _FIRST_PIECE: Final = 1 << 14
 """Number of bytes to read at once for a first row."""
-_FARTHEST: Final = abs(NOT_AVAILABLE)
+FARTHEST: Final = abs(NOT_AVAILABLE)
 """Largest coordinate, below the code of a missing one [m]."""
-_AT_THE_LENS: Final = 1e-6
+AT_THE_LENS: Final = 1e-6
 """Distance within which a joint is at the origin: the thesis' program moved its zeros to the world and back [m]."""
 
 
@@ -71,7 +71,7 @@ def read_study_log(path: Path | str) -> StudyLog:
     if not parts:
         fix = "log at least one result, or leave it out"
         raise InputError("the file has a header and no rows", file=str(path), fix=fix)
-    return _joined(parts)
+    return joined_blocks(parts)
 
 
 def study_log_blocks(path: Path | str, leave_out: Callable[[InputError], None] | None = None) -> Iterator[StudyLog]:
@@ -154,7 +154,8 @@ _INVALID: Final = (ValueError, OverflowError, csv.Error)
 _WANTED: Final = "a study log begins with the row " + ", ".join(columns.HEADER[:3]) + ", …"
 
 
-def _joined(parts: Sequence[StudyLog]) -> StudyLog:
+def joined_blocks(parts: Sequence[StudyLog]) -> StudyLog:
+    """Return the rows of all blocks of a file, of which there is one at least."""
     names = [name for name in StudyLog.__struct_fields__ if name != "source"]
     return StudyLog(
         parts[0].source, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
@@ -188,7 +189,7 @@ def _parse(file: str, body: str, places: dict[str, int]) -> StudyLog:
     _read_odd(text, odd[:odd_count], layout, integers, floats)
     positions = np.empty((count, len(columns.JOINTS), 3), dtype=np.float32)
     cells = floats[:, len(columns.FLOATS) :]
-    if not place_joints(cells, float(NOT_AVAILABLE), float(_FARTHEST), _AT_THE_LENS, positions):
+    if not place_joints(cells, float(NOT_AVAILABLE), float(FARTHEST), AT_THE_LENS, positions):
         raise ValueError("a joint with a part of its coordinates, or too far away")
     numbers: dict[str, Any] = dict(zip(columns.INTEGERS, integers.T.copy(), strict=True))
     numbers |= dict(zip(columns.FLOATS, _available(floats[:, : len(columns.FLOATS)].T.copy()), strict=True))
@@ -305,7 +306,7 @@ def _coordinate_problem(title: str, number: float, cells: list[str], places: dic
             "" if whole else f"{joint} has a part of its coordinates",
             f"write {NOT_AVAILABLE} in all three or in none",
         )
-    return "" if abs(number) < _FARTHEST else f"is {_FARTHEST} m away or farther", "positions are in metres"
+    return "" if abs(number) < FARTHEST else f"is {FARTHEST} m away or farther", "positions are in metres"
 
 
 def _number(cell: str, kind: type[int] | type[float]) -> float | None:
@@ -410,10 +411,10 @@ def _shortest(value: float) -> str:
 def _coordinates(row: StudyRow, number: int) -> list[str]:
     positions = np.asarray(row.positions, dtype=np.float32)[list(columns.JOINT_PLACES)]
     missing = np.isnan(positions).any(axis=-1)
-    far = (np.abs(positions) >= _FARTHEST).any(axis=-1)
+    far = (np.abs(positions) >= FARTHEST).any(axis=-1)
     if far.any():
         joint = columns.JOINTS[int(np.argmax(far))]
-        raise RecordingError(f"row {number}: {joint} is {_FARTHEST} m away or farther; positions are in metres")
+        raise RecordingError(f"row {number}: {joint} is {FARTHEST} m away or farther; positions are in metres")
     cells = positions.astype(str)
     cells[missing] = str(NOT_AVAILABLE)
     # As the real logs have it: 2 for 2.0, 1E-05 for 1e-05.

@@ -6,7 +6,7 @@ A recording that cannot be used, or only in part, is a finding and never an erro
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -15,9 +15,6 @@ import numpy as np
 
 from mocapella.conventions import NOT_AVAILABLE
 from mocapella.errors import InputError, MocapellaError, SettingsError
-from mocapella.evaluation.study_pairs import PLACEMENT_NAMES, TASKS
-from mocapella.model.session import PLACEMENTS
-from mocapella.model.study_log import StudyLog
 from mocapella.recording.study_columns import TOPOLOGY
 from mocapella.sources.study_sensors import STUDY_SENSORS, sensor_name
 from mocapella.studies.cleaning import METRES, REPEATED, SINGLETONS, UNREADABLE, RowCleaner, conditions, only
@@ -29,17 +26,22 @@ from mocapella.studies.differences import (
     difference_sums,
     no_other_methods,
 )
+from mocapella.studies.naming import RecordingNames
 from mocapella.studies.pairing import PairedRows, RowPairing, kinects_of
-from mocapella.studies.recordings import FUSED, kind_of
-from mocapella.studies.results import ComparedViews, DifferenceSums, FileResults, StudyFinding, StudyResults
+from mocapella.studies.pooled_tasks import FUSED
+from mocapella.studies.recordings import LOGGED, RecordedRows, kind_of
+from mocapella.studies.results import (
+    ComparedViews,
+    DifferenceSums,
+    FileResults,
+    StudyFinding,
+    StudyOrder,
+    StudyResults,
+)
 
 _Condition = tuple[int, int, int]
 """Study_Id, Kinect_Config and Scenario_Id."""
 
-NOT_SAID: Final = "not said"
-"""Name of a placement that a recording does not state."""
-
-_PLACEMENTS: Final = {number: PLACEMENT_NAMES[name] for name, number in PLACEMENTS.items()}
 _KEPT_PARTS: Final = 16
 """Number of blocks' sums of one key that are kept apart; each takes half a megabyte."""
 _LEFT_OUT: Final = "the file is left out"
@@ -50,6 +52,7 @@ def analyze_file(
     *,
     participants: Collection[str] | None = None,
     views_of_methods: ViewsOfMethods = no_other_methods,
+    names: RecordingNames | None = None,
 ) -> FileResults:
     """Analyse one recording: a study log or a take.
 
@@ -57,15 +60,16 @@ def analyze_file(
         path: its file.
         participants: codes of those who are analysed; None for all.
         views_of_methods: gives the views as other methods align them, beside the recorded ones.
+        names: of the recording's numbers; None for the thesis' names.
     """
-    file = _File(path, participants)
+    file = _File(path, participants, names or RecordingNames())
     fault: InputError | None = None
     try:
         kind = kind_of(path)
         if kind is None:
             return file.results(InputError("is no recording of a study", file=path), ())
         for block in kind.blocks(path, file.leave_out):
-            file.add(block.rows, block.method, block.origin)
+            file.add(block)
     except InputError as error:
         fault = error
     file.end()
@@ -80,8 +84,9 @@ def analyze_file(
 class _File:
     """The analysis of one file, block after block."""
 
-    def __init__(self, path: Path, participants: Collection[str] | None) -> None:
-        self._path, self._participants = path, participants
+    def __init__(self, path: Path, participants: Collection[str] | None, numbers: RecordingNames) -> None:
+        self._path, self._participants, self._numbers = path, participants, numbers
+        self._fused_only = False
         self._cleaner, self._pairing = RowCleaner(), RowPairing()
         self._sums: defaultdict[ComparedViews, list[DifferenceSums]] = defaultdict(list)
         self._findings: list[StudyFinding] = []
@@ -101,11 +106,15 @@ class _File:
         """Add a finding."""
         self._findings.append(StudyFinding(self._path.name, what, effect, rows))
 
-    def add(self, rows: StudyLog, method: str, origin: dict[str, Any]) -> None:
+    def add(self, block: RecordedRows) -> None:
         """Analyse the next rows; each method's pairs are complete before another's begin."""
+        rows = block.rows
+        method = self._numbers.method if block.method == LOGGED and self._numbers.method else block.method
         if method != self._method:
             self.end()
-        self._method, self._origin = method, self._origin or origin
+        self._method, self._origin, self._fused_only = method, self._origin or block.origin, block.fused_only
+        if block.names is not None:
+            self._numbers = block.names
         if self._participants is not None:
             codes = {study_id: self._participant(study_id) for study_id in np.unique(rows.study_id).tolist()}
             chosen = [study_id for study_id, code in codes.items() if code in self._participants]
@@ -143,6 +152,8 @@ class _File:
             chosen = pairs[key == number]
             rest, second = divmod(number, len(names))
             which, first = divmod(rest, len(names))
+            if self._fused_only and names[order[second]] != FUSED:
+                continue
             condition = list(found_conditions)[which]
             self._paired.add(condition)
             views = AlignedPairs(
@@ -159,8 +170,8 @@ class _File:
         participant, placement, task = condition
         return ComparedViews(
             method=self._method,
-            placement=_placement(placement),
-            task=TASKS.get(task, f"scenario-{task}"),
+            placement=self._numbers.placement(placement),
+            task=self._numbers.task(task),
             participant=self._participant(participant),
             first=first,
             second=second,
@@ -168,7 +179,7 @@ class _File:
 
     def _participant(self, study_id: int) -> str:
         """Return the participant's code; the file's name where the file says none."""
-        return self._path.name.partition(".")[0] if study_id == NOT_AVAILABLE else str(study_id)
+        return self._path.name.partition(".")[0] if study_id == NOT_AVAILABLE else self._numbers.code(study_id)
 
     def _name(self, kinect: str) -> str:
         """Return a sensor's name; a number distinguishes two Kinects of one name."""
@@ -219,11 +230,6 @@ class _File:
             self.tell(what, "this task is left out", self._rows_of[condition])
 
 
-def _placement(number: int) -> str:
-    """Return the name of a placement by its number in the log; a study's own have none there."""
-    return NOT_SAID if number == NOT_AVAILABLE else _PLACEMENTS.get(number, f"placement-{number}")
-
-
 def _place(error: InputError) -> str:
     """Return an error's text without the file's path."""
     parts = [] if error.row is None else [f"row {error.row}"]
@@ -232,12 +238,15 @@ def _place(error: InputError) -> str:
     return ": ".join([*parts, error.problem])
 
 
-def merge(files: Iterable[FileResults], findings: Iterable[StudyFinding] = ()) -> StudyResults:
+def merge(
+    files: Iterable[FileResults], findings: Iterable[StudyFinding] = (), order: StudyOrder | None = None
+) -> StudyResults:
     """Join the results of a study's recordings, in any order; sums are the same to the bit.
 
     Args:
         files: results of the recordings.
         findings: faults of the whole study that are known before, such as files that were left out.
+        order: of the study's tasks and placements.
 
     Raises:
         SettingsError: recordings have different joints.
@@ -254,6 +263,7 @@ def merge(files: Iterable[FileResults], findings: Iterable[StudyFinding] = ()) -
         strips=tuple(strip for one in in_order for strip in one.strips),
         measured=tuple(figure for one in in_order for figure in one.measured),
         findings=(*found, *(finding for one in in_order for finding in one.findings)),
+        order=order or StudyOrder(),
     )
 
 
@@ -301,17 +311,3 @@ def _missing(files: Sequence[FileResults]) -> Iterator[StudyFinding]:
     for (participant, placement), tasks in sorted(lacking.items()):
         what = f"participant {participant} has no {', '.join(tasks)} in placement {placement}"
         yield StudyFinding("", what, "the placement's means are those of the others")
-
-
-def analyze_files(
-    paths: Sequence[Path],
-    analyze: Callable[[Path], FileResults] = analyze_file,
-    on_done: Callable[[str], None] = lambda name: None,
-) -> Iterator[FileResults]:
-    """Yield the results of recordings in their order, two at a time; most of the work does not hold Python's lock."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        for path, results in zip(paths, pool.map(analyze, paths), strict=True):
-            on_done(path.name)
-            yield results

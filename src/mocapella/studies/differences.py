@@ -52,19 +52,19 @@ def no_other_methods(path: Path) -> Iterable[AlignedPairs]:
 
 def difference_sums(views: AlignedPairs) -> DifferenceSums:
     """Return the sums of |Δx|, |Δy|, |Δz| and Δd between two views of each pair."""
-    apart = differences(np.asarray(views.views, dtype=np.float64))
-    pairs, joints, _ = apart.shape
-    seen = np.isfinite(apart[..., 3])
-    apart = np.where(seen[..., None], _rounded(apart), 0.0)
-    distance = apart[..., 3]
+    apart = np.moveaxis(differences(np.asarray(views.views, dtype=np.float64)), -1, 0)
+    _, pairs, joints = apart.shape
+    seen = np.isfinite(apart[3])
+    apart = _rounded(np.where(seen, apart, 0.0))
+    distance = apart[3]
     bins = np.minimum(distance / BIN_M, BINS - 1).astype(np.int64) + BINS * np.arange(joints)
     highest = np.where(seen, distance, -np.inf).max(axis=0, initial=-np.inf)
     sums, numbers = _timeline(distance, seen, np.asarray(views.at_s, dtype=np.float64))
     return DifferenceSums(
         key=views.key,
         pairs=pairs,
-        sums=apart.sum(axis=0),
-        squares=_rounded(apart * apart).sum(axis=0),
+        sums=apart.sum(axis=1).T.copy(),
+        squares=_rounded(apart * apart).sum(axis=1).T.copy(),
         counts=seen.sum(axis=0),
         histogram=np.bincount(bins[seen], minlength=joints * BINS).reshape(joints, BINS),
         worst=np.where(np.isfinite(highest), highest, np.nan),
@@ -74,7 +74,11 @@ def difference_sums(views: AlignedPairs) -> DifferenceSums:
 
 
 def _rounded(values: Float64) -> Float64:
-    return np.rint(values / STEP) * STEP
+    """Round the values in place to multiples of `STEP`, and return them."""
+    values *= 1 / STEP
+    np.rint(values, out=values)
+    values *= STEP
+    return values
 
 
 def _timeline(distance: Float64, seen: NDArray[np.bool_], at_s: Float64) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -30,14 +30,14 @@ from mocapella.studies.inference import (
 from mocapella.studies.pooled_tasks import (
     PooledTask,
     StudyComparison,
-    natural_order,
     participants_of,
+    placement_rank,
     placements_of,
     pooled_tasks,
-    task_order,
+    task_rank,
     tasks_of,
 )
-from mocapella.studies.results import MeasuredFigure, StudyResults
+from mocapella.studies.results import MeasuredFigure, StudyOrder, StudyResults
 from mocapella.studies.tables import StudyTable, TableColumn
 
 Float64 = NDArray[np.float64]
@@ -101,7 +101,7 @@ def study_statistics(results: StudyResults) -> StudyStatistics:
         SettingsError: statsmodels is not installed; names the extra.
     """
     pooled = pooled_tasks(results)
-    parts = [within_limit(pooled), over_placements(pooled), over_time(pooled), filled(results.measured)]
+    parts = [within_limit(pooled), over_placements(pooled), over_time(pooled), filled(results.measured, results.order)]
     verdicts = [verdict for part in parts for verdict in part.verdicts]
     return StudyStatistics(
         (interval_table(pooled), *(table for part in parts for table in part.tables)),
@@ -432,7 +432,7 @@ def over_time(pooled: Pooled) -> StudyStatistics:
     return StudyStatistics((StudyTable("h2-drift", "H2: Δd over time", columns, tuple(rows), notes),), tuple(verdicts))
 
 
-def filled(measured: Iterable[MeasuredFigure]) -> StudyStatistics:
+def filled(measured: Iterable[MeasuredFigure], order: StudyOrder | None = None) -> StudyStatistics:
     """Describe H3's figures over participants, and test `FILLED_ERROR` against `LIMIT_CM`, as in H1.
 
     A participant's value is the mean of the figures, weighted by their samples. Without figures, H3 is not measured.
@@ -442,7 +442,8 @@ def filled(measured: Iterable[MeasuredFigure]) -> StudyStatistics:
         if one.measure == FILLED and math.isfinite(one.value) and one.samples > 0:
             key = (one.method, one.quantity, one.unit, one.task, one.placement)
             groups.setdefault(key, {}).setdefault(one.participant, []).append(one)
-    keys = sorted(groups, key=lambda key: (*key[:3], task_order(key[3]), natural_order(key[4])))
+    named = order or StudyOrder()
+    keys = sorted(groups, key=lambda key: (*key[:3], task_rank(named, key[3]), placement_rank(named, key[4])))
     tests = [mean_test([_weighted(own) for own in groups[key].values()], LIMIT_CM) for key in keys]
     corrected: list[tuple[float, float]] = [(NAN, NAN)] * len(keys)
     for method in {key[0] for key in keys}:

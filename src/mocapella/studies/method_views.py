@@ -21,10 +21,11 @@ from mocapella.evaluation.interactions import FRESH, label_frame, labels_of, peo
 from mocapella.evaluation.methods import AS_LOGGED, scored_tracker
 from mocapella.evaluation.scored_views import known_before, logged_views, views_of
 from mocapella.evaluation.session_runs import people_at, run_session
-from mocapella.evaluation.study_pairs import TASKS, Pairs, StudyFrames, StudySession
+from mocapella.evaluation.study_pairs import Pairs, StudyFrames, StudySession
 from mocapella.evaluation.study_tables import MAX_WANDER
 from mocapella.model.study_log import StudyLog
 from mocapella.studies.hidden_joints import hidden_joints, without_joints
+from mocapella.studies.naming import RecordingNames
 from mocapella.studies.task_views import HiddenViews, TaskViews
 
 Float64 = NDArray[np.float64]
@@ -76,14 +77,21 @@ class TrackedRecording:
     Args:
         session: the study log.
         method: name of the method, with its settings; see `mocapella.evaluation.methods.method_with_settings`.
+        names: of the log's numbers; None for the thesis' names.
 
     Raises:
         SettingsError: no such method or setting, or it cannot be scored.
     """
 
-    def __init__(self, session: StudySession, method: str) -> None:
+    def __init__(self, session: StudySession, method: str, names: RecordingNames | None = None) -> None:
         self.session, self.method = session, method
+        self._names = names or RecordingNames()
+        self.participant = self._names.code(session.participant)
+        self.placement = self._names.placement(int(session.log.kinect_config[0]))
         self._make = None if method == AS_LOGGED else scored_tracker(method)
+
+    def _task(self, number: int) -> str:
+        return UNNAMED if number < 0 else self._names.task(number)
 
     @cached_property
     def _run(self) -> CausalRun | None:
@@ -102,12 +110,12 @@ class TrackedRecording:
         views = self._aligned(self._run, pairs)
         logged = np.isfinite(session.raw[pairs.rows])
         unaligned: Bool = np.asarray((logged & ~np.isfinite(views)).any(axis=(1, 2, 3)))
-        task = np.array([TASKS.get(number, UNNAMED) for number in pairs.task.tolist()], dtype=np.str_)
+        task = np.array([self._task(number) for number in pairs.task.tolist()], dtype=np.str_)
         arrivals = session.frames.of_row[pairs.rows].max(axis=1)
         return MethodViews(
             method=self.method,
-            placement=session.placement,
-            participant=str(session.participant),
+            placement=self.placement,
+            participant=self.participant,
             sensors=session.replay.sensors,
             task=task,
             person=pairs.person,
@@ -170,9 +178,9 @@ class TrackedRecording:
             fused, ids = self._fused_of_frames(self._run, frames, of_task)
             yield TaskViews(
                 method=self.method,
-                placement=session.placement,
-                task=TASKS.get(number, UNNAMED),
-                participant=str(session.participant),
+                placement=self.placement,
+                task=self._task(number),
+                participant=self.participant,
                 sensors=session.replay.sensors,
                 people=frames.people,
                 at_s=frames.at_s - frames.at_s[:1],

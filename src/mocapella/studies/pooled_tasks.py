@@ -6,7 +6,7 @@ Tests, intervals and pictures have one value for each participant, placement and
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property, reduce
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.model.session import SCENARIOS
-from mocapella.studies.results import AXES, TIMELINE_S, DifferenceSums, StudyResults
+from mocapella.studies.results import AXES, TIMELINE_S, DifferenceSums, StudyOrder, StudyResults
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -57,6 +57,7 @@ class PooledTask(msgspec.Struct, frozen=True, eq=False, dict=True):
         counts: (joints,) number of pairs in each sum.
         histogram: (joints, `BINS`) number of distances in each bin of `BIN_M`.
         timeline_sums, timeline_counts: (bins, joints) sums of Δd [m] and their numbers, in bins of `TIMELINE_S`.
+        order: of the study's tasks and placements.
     """
 
     placement: str
@@ -68,6 +69,7 @@ class PooledTask(msgspec.Struct, frozen=True, eq=False, dict=True):
     histogram: Int64
     timeline_sums: Float64
     timeline_counts: Int64
+    order: StudyOrder = StudyOrder()
 
     @cached_property
     def joints_cm(self) -> Float64:
@@ -113,19 +115,18 @@ def pooled_tasks(results: StudyResults) -> dict[StudyComparison, tuple[PooledTas
         views = TO_FUSED if FUSED in (key.first, key.second) else BETWEEN_SENSORS
         cells = groups.setdefault(StudyComparison(key.method, views), {})
         cells.setdefault((key.task, key.placement, key.participant), []).append(one)
-    order = (task_order, natural_order, natural_order)
+
+    def rank(cell: tuple[str, str, str]) -> tuple[object, ...]:
+        task, placement, participant = cell
+        return task_rank(results.order, task), placement_rank(results.order, placement), natural_order(participant)
+
     return {
-        comparison: tuple(
-            _pooled(cells[cell])
-            for cell in sorted(
-                cells, key=lambda cell: tuple(rank(name) for rank, name in zip(order, cell, strict=True))
-            )
-        )
+        comparison: tuple(_pooled(cells[cell], results.order) for cell in sorted(cells, key=rank))
         for comparison, cells in sorted(groups.items())
     }
 
 
-def _pooled(parts: Sequence[DifferenceSums]) -> PooledTask:
+def _pooled(parts: Sequence[DifferenceSums], order: StudyOrder) -> PooledTask:
     key = parts[0].key
     return PooledTask(
         key.placement,
@@ -137,6 +138,7 @@ def _pooled(parts: Sequence[DifferenceSums]) -> PooledTask:
         sum((one.histogram for one in parts[1:]), start=parts[0].histogram),
         reduce(added, (one.timeline_sums for one in parts)),
         reduce(added, (one.timeline_counts for one in parts)),
+        order,
     )
 
 
@@ -160,23 +162,29 @@ def natural_order(name: str) -> tuple[tuple[int, str], ...]:
     return (*rank, (-2, name))
 
 
-def distinct_in_order(
-    tasks: Iterable[PooledTask], of: Callable[[PooledTask], str], rank: Callable[[str], object]
-) -> tuple[str, ...]:
-    """Return the distinct names of pooled tasks, such as their placements, by rank."""
-    return tuple(sorted({of(one) for one in tasks}, key=rank))  # type: ignore[arg-type]
+def task_rank(order: StudyOrder, task: str) -> tuple[int, object]:
+    """Rank of a task in a study: by the study's order, then by `task_order`."""
+    return (order.tasks.index(task), ()) if task in order.tasks else (len(order.tasks), task_order(task))
+
+
+def placement_rank(order: StudyOrder, placement: str) -> tuple[int, object]:
+    """Rank of a placement in a study: by the study's order, then by `natural_order`."""
+    known = placement in order.placements
+    return (order.placements.index(placement), ()) if known else (len(order.placements), natural_order(placement))
 
 
 def placements_of(tasks: Iterable[PooledTask]) -> tuple[str, ...]:
     """Return the placements in their order."""
-    return distinct_in_order(tasks, lambda one: one.placement, natural_order)
+    ranks = {one.placement: placement_rank(one.order, one.placement) for one in tasks}
+    return tuple(sorted(ranks, key=ranks.__getitem__))
 
 
 def tasks_of(tasks: Iterable[PooledTask]) -> tuple[str, ...]:
     """Return the tasks in their order."""
-    return distinct_in_order(tasks, lambda one: one.task, task_order)
+    ranks = {one.task: task_rank(one.order, one.task) for one in tasks}
+    return tuple(sorted(ranks, key=ranks.__getitem__))
 
 
 def participants_of(tasks: Iterable[PooledTask]) -> tuple[str, ...]:
     """Return the participants in their order."""
-    return distinct_in_order(tasks, lambda one: one.participant, natural_order)
+    return tuple(sorted({one.participant for one in tasks}, key=natural_order))

@@ -24,6 +24,10 @@ What = Literal[
     "aborted", "done", "interrupted",
 ]  # fmt: skip
 
+ENDED: Final[tuple[StudyPhase, ...]] = ("done", "aborted")
+"""Phases in which a session has ended."""
+NOTHING_TRACKED: Final = "no person was tracked"
+"""End of the note of the event `finished` of a task during which no result had a tracked person."""
 LONGEST_NOTE: Final = 500
 """Most characters of a note."""
 _S: Final = 1_000_000_000

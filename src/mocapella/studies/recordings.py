@@ -1,7 +1,7 @@
 """Find a study's recordings, whatever their names, and read each as blocks of the study log's rows.
 
-A kind of recording is one entry of `KINDS`. Another kind, such as a log in Parquet, is another entry: it needs to be
-recognised, and to yield rows.
+A kind of recording is one entry of `KINDS`. Another kind is another entry: it needs to be recognised, and to yield
+rows.
 """
 
 from __future__ import annotations
@@ -13,26 +13,19 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-import numpy as np
 
-from mocapella.errors import DamagedTakeError, InputError
-from mocapella.geometry import rigid
-from mocapella.model.scene import Phase, Scene
-from mocapella.model.session import Setup
-from mocapella.model.study_log import YEAR_1_TO_1970_MS, StudyLog, StudyRow
-from mocapella.recording.study_export import as_logged, reference_first, rows_of
-from mocapella.recording.study_log import begins_study_log, study_log_blocks
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.names import plural
+from mocapella.model.study_log import StudyLog
+from mocapella.recording.study_log import begins_study_log, joined_blocks, study_log_blocks
+from mocapella.studies.naming import RecordingNames
+from mocapella.studies.parquet_log import SUFFIX, begins_parquet_log, parquet_log_blocks
 from mocapella.studies.results import StudyFinding
+from mocapella.studies.study_folder import LOGS
 
 LOGGED: Final = "stand-still"
 """Name of the method whose alignment a study log has: the thesis' own."""
-LOGS: Final = "logs"
-"""Folder of the logs of tasks, beside the takes that they were cut out of."""
-FUSED: Final = "fused"
-"""Name of the fused person among the compared views."""
-
-_MS: Final = 1_000_000
-_BLOCK_ROWS: Final = 1000
+_TEXTS: Final = (".csv", ".csv.gz")
 _LATER_PART: Final = re.compile(r"\.part\d+\.mcap$")
 
 
@@ -43,11 +36,15 @@ class RecordedRows(msgspec.Struct, frozen=True, eq=False):
         rows: the rows, in the file's order; a person's views and the fused person are in one space.
         method: tracking method that aligned the views.
         origin: what recorded it, with version and settings; empty if unknown.
+        names: of the rows' numbers; None if these are the study log's.
+        fused_only: whether only the fused person is compared, because the logs of the tasks have the pairs of sensors.
     """
 
     rows: StudyLog
     method: str = LOGGED
     origin: dict[str, Any] = {}
+    names: RecordingNames | None = None
+    fused_only: bool = False
 
 
 Tell = Callable[[InputError], None]
@@ -62,69 +59,29 @@ class RecordingKind(msgspec.Struct, frozen=True):
         begins: whether a file is of this kind; raises InputError if it cannot be read.
         blocks: yields a file's rows; calls its second argument with the error of each row that is left out, and
             raises InputError where nothing more can be read.
+        is_log: whether it is a study log, which other methods can track.
     """
 
     name: str
     suffixes: tuple[str, ...]
     begins: Callable[[Path], bool]
     blocks: Callable[[Path, Tell], Iterator[RecordedRows]]
+    is_log: bool = False
 
 
 def _log_blocks(path: Path, tell: Tell) -> Iterator[RecordedRows]:
     return (RecordedRows(rows) for rows in study_log_blocks(path, tell))
 
 
+def _parquet_blocks(path: Path, tell: Tell) -> Iterator[RecordedRows]:
+    return (RecordedRows(rows) for rows in parquet_log_blocks(path, tell))
+
+
 def _take_blocks(path: Path, tell: Tell) -> Iterator[RecordedRows]:
-    """Yield the views and fused persons of a take's results, as rows.
+    from mocapella.studies.take_rows import take_rows
 
-    Scenes in another phase than *tracking* are left out, as are views and persons without a joint. Rows are in the
-    camera space of the take's first sensor, where it sees the person, with the sensors' own left and right labels.
-    """
-    from mocapella.recording.take_reader import read_take
-
-    take = read_take(path)
-    reference = min(take.sensors, default="")
-    for run in take.runs:
-        setup = run.info.setup
-        wall_ms = (run.info.started_unix_ns - run.info.started_ns) // _MS + YEAR_1_TO_1970_MS
-        origin = {"version": run.info.version, "method": setup.method, "settings": run.info.method_settings}
-        rows: list[StudyRow] = []
-        for _, scene in take.scenes(run.number):
-            rows += _rows_of_scene(scene, setup, reference, wall_ms + scene.at_ns // _MS)
-            if len(rows) >= _BLOCK_ROWS:
-                yield RecordedRows(_log_of(str(path), rows), setup.method, origin)
-                rows = []
-        if rows:
-            yield RecordedRows(_log_of(str(path), rows), setup.method, origin)
-    if take.damaged:
-        raise DamagedTakeError("; ".join(take.problems), file=path, fix="mocapella take recover makes a clean copy")
-
-
-def _rows_of_scene(scene: Scene, setup: Setup, reference: str, tracker_time_ms: int) -> list[StudyRow]:
-    if scene.state.phase != Phase.TRACKING:
-        return []
-    rows = rows_of(scene, setup=setup, reference=reference or None, tracker_time_ms=tracker_time_ms)
-    for person in scene.people:
-        if not person.views:
-            continue
-        views = reference_first(person, reference)
-        positions = rigid.apply(rigid.inverse(views[0].T_world_sensor), person.positions)
-        own = next(row for row in rows if row.person_id == person.id)
-        rows.append(
-            msgspec.structs.replace(
-                own,
-                skeleton_id=len(views),
-                kinect_id=FUSED,
-                positions=as_logged(positions, scene.topology),
-            )
-        )
-    return rows
-
-
-def _log_of(source: str, rows: list[StudyRow]) -> StudyLog:
-    return StudyLog(
-        source, **{name: np.array([getattr(row, name) for row in rows]) for name in StudyRow.__struct_fields__}
-    )
+    for block in take_rows(path):
+        yield RecordedRows(block.rows, block.method, block.origin, block.names, block.fused_only)
 
 
 def _is_take(path: Path) -> bool:
@@ -132,7 +89,8 @@ def _is_take(path: Path) -> bool:
 
 
 KINDS: Final = (
-    RecordingKind("study log", (".csv", ".csv.gz"), begins_study_log, _log_blocks),
+    RecordingKind("study log", (".csv", ".csv.gz"), begins_study_log, _log_blocks, is_log=True),
+    RecordingKind("study log in Parquet", (SUFFIX,), begins_parquet_log, _parquet_blocks, is_log=True),
     RecordingKind("take", (".mcap",), _is_take, _take_blocks),
 )
 
@@ -159,45 +117,67 @@ def kind_of(path: Path) -> RecordingKind | None:
     return next((kind for kind in kinds if kind.begins(path)), None)
 
 
+def whole_log(path: Path) -> StudyLog | None:
+    """Return all valid rows of a study log, text or Parquet; None for other recordings, and for a log without rows.
+
+    Raises:
+        InputError: it cannot be read, or not to its end.
+    """
+    kind = kind_of(path)
+    if kind is None or not kind.is_log:
+        return None
+    parts = [block.rows for block in kind.blocks(path, lambda error: None)]
+    return joined_blocks(parts) if parts else None
+
+
 def find_recordings(folder: Path) -> FoundRecordings:
     """Find all recordings below a folder; hidden files and folders are skipped, and links to folders.
 
-    A take is left out where the folder `LOGS` beside it has the logs of its tasks (`mocapella.studies.task_log`).
+    A log in Parquet is left out where the same folder has it as a text, too. Of a take whose tasks have
+    logs (`mocapella.studies.task_log`), the fused people are analysed.
 
     Raises:
         InputError: there is no such folder, or no recording in it.
     """
     if not folder.is_dir():
         raise InputError("there is no such folder", file=folder, fix="name the folder of the study's recordings")
-    paths, others = [], []
+    paths, others, unread = [], [], []
     for path in _files(folder):
-        if _may_be_one(path):
+        try:
+            found = kind_of(path) is not None
+        except InputError:
+            found = True
+        except SettingsError as error:
+            unread.append(error)
+            continue
+        if found:
             paths.append(path)
-        elif path.name.lower().endswith((".csv", ".csv.gz")):
+        elif path.name.lower().endswith(_TEXTS):
             others.append(path.name)
     if not paths:
         names = ", ".join(suffix for kind in KINDS for suffix in kind.suffixes)
         raise InputError("has no recordings", file=folder, fix=f"study logs and takes end with {names}")
+    texts = {path.parent / path.name.partition(".csv")[0] for path in paths if path.name.lower().endswith(_TEXTS)}
+    twice = [path for path in paths if path.suffix.lower() == SUFFIX and path.with_suffix("") in texts]
+    findings = []
+    if unread:
+        findings.append(StudyFinding("", f"{len(unread)} Parquet files cannot be read: {unread[0]}", "left out"))
+    if twice:
+        paths = [path for path in paths if path not in twice]
+        what = f"{plural(len(twice), 'log is', 'logs are')} there as text and in Parquet"
+        findings.append(StudyFinding("", what, "the text is analysed"))
     logged = {path.parent.parent for path in paths if path.parent.name == LOGS}
     cut_up = [path for path in paths if path.suffix == ".mcap" and path.parent in logged]
-    findings = []
     if cut_up:
-        what = f"{len(cut_up)} takes have logs of their tasks"
-        findings.append(StudyFinding("", what, "the logs are analysed, which only have running tasks"))
-        paths = [path for path in paths if path not in cut_up]
+        what = f"{plural(len(cut_up), 'take has', 'takes have')} logs of their tasks"
+        effect = "the logs have the pairs of sensors, and the takes the fused people; only running tasks are analysed"
+        findings.append(StudyFinding("", what, effect))
     if others:
         some = ", ".join(sorted(others)[:3]) + (", …" if len(others) > 3 else "")
         one = len(others) == 1
         what = f"{len(others)} table{'' if one else 's'} {'is no study log' if one else 'are no study logs'}: {some}"
         findings.append(StudyFinding("", what, "left out"))
     return FoundRecordings(tuple(sorted(paths, key=lambda path: (path.name, path))), tuple(findings))
-
-
-def _may_be_one(path: Path) -> bool:
-    try:
-        return kind_of(path) is not None
-    except InputError:
-        return True
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -7,6 +7,7 @@ import html
 import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +20,7 @@ from mocapella.model.names import plural
 from mocapella.studies.hypotheses import HypothesisVerdict, StudyStatistics, study_statistics
 from mocapella.studies.picture_files import StudyPicture
 from mocapella.studies.pictures import study_pictures
-from mocapella.studies.pooled_tasks import natural_order, task_order
+from mocapella.studies.pooled_tasks import natural_order, placement_rank, task_rank
 from mocapella.studies.results import StudyResults
 from mocapella.studies.tables import StudyTable, TableColumn
 
@@ -236,9 +237,9 @@ def _recordings(results: StudyResults) -> Iterator[str]:
     for one in results.summaries:
         conditions.setdefault(one.key.participant, {}).setdefault(one.key.placement, set()).add(one.key.task)
     rows = tuple(
-        (who, place, ", ".join(sorted(conditions[who][place], key=task_order)))
+        (who, place, ", ".join(sorted(conditions[who][place], key=partial(task_rank, results.order))))
         for who in sorted(conditions, key=natural_order)
-        for place in sorted(conditions[who], key=natural_order)
+        for place in sorted(conditions[who], key=partial(placement_rank, results.order))
     )
     columns = tuple(map(TableColumn, ("participant", "placement", "tasks")))
     yield from table_html(StudyTable("participants", "Participants", columns, rows))

@@ -126,6 +126,18 @@ class MeasuredFigure(msgspec.Struct, frozen=True):
     samples: int
 
 
+class StudyOrder(msgspec.Struct, frozen=True):
+    """The order of a study's tasks and placements in tables, pictures and report.
+
+    Attributes:
+        tasks, placements: names in their order; names that are not there follow, in the order of
+            `mocapella.studies.pooled_tasks`.
+    """
+
+    tasks: tuple[str, ...] = ()
+    placements: tuple[str, ...] = ()
+
+
 class CleaningStep(msgspec.Struct, frozen=True):
     """What one step of the cleaning did to one recording.
 
@@ -195,6 +207,7 @@ class StudyResults(msgspec.Struct, frozen=True, eq=False):
         summaries: differences, one for each `ComparedViews`, sorted by it; files of one key are added.
         strips, measured: of all files.
         findings: of the whole study, then of the files.
+        order: of tasks and placements.
     """
 
     files: tuple[FileResults, ...]
@@ -203,3 +216,4 @@ class StudyResults(msgspec.Struct, frozen=True, eq=False):
     strips: tuple[PoseStrip, ...]
     measured: tuple[MeasuredFigure, ...]
     findings: tuple[StudyFinding, ...]
+    order: StudyOrder = StudyOrder()

@@ -92,10 +92,11 @@ def reopen_session(path: Path, protocol: StudyProtocol) -> ReopenedSession:
     """
     saved = load_session(path)
     session = saved.after(interrupted(saved.state))
-    return ReopenedSession(session, _edits(saved, protocol))
+    return ReopenedSession(session, edits_of(saved, protocol))
 
 
-def _edits(saved: SavedSession, protocol: StudyProtocol) -> str:
+def edits_of(saved: SavedSession, protocol: StudyProtocol) -> str:
+    """Return how a session's protocol differs from the study's present one, in one line; empty if it does not."""
     code = saved.state.participant
     changed = [
         field.name

@@ -12,7 +12,7 @@ from mocapella.exports.needs import needed
 from mocapella.model.names import plural
 from mocapella.model.topology import topology
 from mocapella.studies.picture_files import COLOURS, MARKERS, StudyPicture, empty_figure, file_stem, rendered
-from mocapella.studies.pooled_tasks import natural_order, task_order
+from mocapella.studies.pooled_tasks import natural_order, placement_rank, task_rank
 from mocapella.studies.results import PoseStrip, StudyResults
 
 MOST_STRIPS: Final = 12
@@ -32,7 +32,15 @@ def stick_pictures(results: StudyResults) -> list[StudyPicture]:
     for strip in results.strips:
         if strip.positions.size:
             groups.setdefault((strip.method, strip.placement, strip.task, strip.participant), []).append(strip)
-    order = sorted(groups, key=lambda key: (task_order(key[2]), *map(natural_order, (key[1], key[0], key[3]))))
+    named = results.order
+
+    def rank(key: tuple[str, str, str, str]) -> tuple[object, ...]:
+        method, placement, task, participant = key
+        return (
+            task_rank(named, task), placement_rank(named, placement), natural_order(method), natural_order(participant)
+        )  # fmt: skip
+
+    order = sorted(groups, key=rank)
     chosen = _spread_over_tasks(order)[:MOST_STRIPS]
     left = len(order) - len(chosen)
     beside = f" {plural(left, 'other timeline is', 'other timelines are')} not drawn." if left else ""

@@ -22,12 +22,14 @@ from typing import Any, Final
 import msgspec
 
 from mocapella import __version__
-from mocapella.errors import InputError, RecordingError, SettingsError, TakeExistsError, one_of
+from mocapella.errors import InputError, MocapellaError, RecordingError, SettingsError, TakeExistsError, one_of
 from mocapella.model.whole_file import write_whole
 from mocapella.studies.byte_search import files_of
 from mocapella.studies.file_values import read_json
 from mocapella.studies.participants import check_code
+from mocapella.studies.progress import ENDED
 from mocapella.studies.protocol import StudyProtocol, load_protocol, protocol_from_toml
+from mocapella.studies.state_file import load_session
 
 PROTOCOL: Final = "protocol.toml"
 MANIFEST: Final = "manifest.json"
@@ -38,6 +40,8 @@ PARTICIPANTS: Final = "participants"
 RESULTS: Final = "results"
 CONSENT: Final = "participant.json"
 SESSION: Final = "session.json"
+LOGS: Final = "logs"
+"""Folder of the logs of tasks, beside the takes that they were cut out of."""
 _CHANGING: Final = (PROTOCOL, PURGED, CONSENT, SESSION)
 """Names of files that change as the study goes on."""
 _FIX: Final = "restore it from a copy"
@@ -114,6 +118,8 @@ class FolderCheck(msgspec.Struct, frozen=True):
         missing: files of the manifest that are not there.
         changed: files whose bytes are others than in the manifest.
         unknown: files that are not in the manifest.
+        ongoing: sessions that have not ended. These files change each second, and are in no other list; the manifest
+            gets their checksums when the sessions end.
         purging: whether a purge was interrupted.
     """
 
@@ -122,6 +128,7 @@ class FolderCheck(msgspec.Struct, frozen=True):
     changed: tuple[str, ...]
     unknown: tuple[str, ...]
     purging: bool
+    ongoing: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -276,18 +283,32 @@ def verify_study(path: Path) -> FolderCheck:
     there = {file.relative_to(path).as_posix(): file for file in files_of(path)}
     purging = there.pop(PURGING, None) is not None
     there.pop(MANIFEST, None)
+    ongoing = tuple(name for name, file in there.items() if file.name == SESSION and _goes_on(file))
     changed = [
         name
         for name, file in there.items()
-        if name in rows and (file.is_symlink() or not file.is_file() or checksum_of(file) != rows[name].sha256)
+        if name in rows and name not in ongoing and (not _is_file(file) or checksum_of(file) != rows[name].sha256)
     ]
     return FolderCheck(
         len(rows),
         tuple(name for name in rows if name not in there),
         tuple(changed),
-        tuple(name for name in there if name not in rows),
+        tuple(name for name in there if name not in rows and name not in ongoing),
         purging,
+        ongoing,
     )
+
+
+def _is_file(file: Path) -> bool:
+    return file.is_file() and not file.is_symlink()
+
+
+def _goes_on(file: Path) -> bool:
+    """Whether a file is a session that has not ended."""
+    try:
+        return _is_file(file) and load_session(file).state.phase not in ENDED
+    except MocapellaError:
+        return False
 
 
 def give_consent(study: StudyFolder, code: str, given: date, *, by: str, at: datetime) -> ConsentRecord:

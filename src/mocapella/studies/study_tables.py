@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from mocapella.evaluation.study_tables import TORSO, mean_and_std
 from mocapella.model.session import SCENARIOS
 from mocapella.recording.study_columns import TOPOLOGY
-from mocapella.studies.results import BIN_M, DifferenceSums, StudyResults
+from mocapella.studies.results import BIN_M, DifferenceSums, StudyOrder, StudyResults
 from mocapella.studies.tables import StudyTable, TableColumn
 
 Float64 = NDArray[np.float64]
@@ -51,12 +52,14 @@ class ViewComparison(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         method, first, second: as in `ComparedViews`.
         cells: sums of each participant, by task and placement, in the tables' order.
+        order: of the study's tasks and placements.
     """
 
     method: str
     first: str
     second: str
     cells: dict[tuple[str, str], tuple[DifferenceSums, ...]]
+    order: StudyOrder = StudyOrder()
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -66,7 +69,7 @@ class ViewComparison(msgspec.Struct, frozen=True, eq=False):
     def placements(self, task: str | None = None) -> tuple[str, ...]:
         """Return the placements of a task, or of all, in their order."""
         found = {placement for each, placement in self.cells if task in (None, each)}
-        return tuple(sorted(found, key=_placement_order))
+        return tuple(sorted(found, key=partial(_placement_order, self.order)))
 
     def joint_means(self, task: str, placement: str) -> Float64:
         """Return M (joints, 4) of |Δx|, |Δy|, |Δz| and Δd [m]; NaN for a joint that no person's two views have."""
@@ -84,8 +87,9 @@ def compared_of(results: StudyResults) -> tuple[ViewComparison, ...]:
     for part in results.summaries:
         key = part.key
         found[key.method, key.first, key.second][key.task, key.placement].append(part)
+    rank = partial(_cell_order, results.order)
     return tuple(
-        ViewComparison(*views, {cell: tuple(parts[cell]) for cell in sorted(parts, key=_cell_order)})
+        ViewComparison(*views, {cell: tuple(parts[cell]) for cell in sorted(parts, key=rank)}, results.order)
         for views, parts in found.items()
     )
 
@@ -272,11 +276,12 @@ def _beside_wei(one: ViewComparison, said: tuple[str, str]) -> StudyTable:
 
 def _recordings(results: StudyResults) -> StudyTable:
     rows: list[tuple[Cell, ...]] = []
+    rank = partial(_task_order, results.order)
     for one in results.files:
         people = dict.fromkeys(part.key.participant for part in one.summaries)
         placements = dict.fromkeys(part.key.placement for part in one.summaries)
         tasks = dict.fromkeys(part.key.task for part in one.summaries)
-        of = (", ".join(map(str, values)) for values in (people, placements, sorted(tasks, key=_task_order)))
+        of = (", ".join(map(str, values)) for values in (people, placements, sorted(tasks, key=rank)))
         rows.append((one.file, *of, one.rows, one.used, len(one.findings)))
     rows.append(("All", "", "", "", sum(one.rows for one in results.files), sum(one.used for one in results.files),
                  len(results.findings)))  # fmt: skip
@@ -348,14 +353,15 @@ def _mean(values: Iterable[Float64] | Float64) -> Float64:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _placement_order(placement: str) -> tuple[int, str]:
-    known = placement in PLACEMENT_ORDER
-    return (PLACEMENT_ORDER.index(placement) if known else len(PLACEMENT_ORDER), placement)
+def _placement_order(order: StudyOrder, placement: str) -> tuple[int, str]:
+    known = (*order.placements, *(name for name in PLACEMENT_ORDER if name not in order.placements))
+    return (known.index(placement) if placement in known else len(known), placement)
 
 
-def _task_order(task: str) -> tuple[int, str]:
-    return (SCENARIOS.get(task, len(SCENARIOS) + 1), task)
+def _task_order(order: StudyOrder, task: str) -> tuple[int, int, str]:
+    own = order.tasks.index(task) if task in order.tasks else len(order.tasks)
+    return (own, SCENARIOS.get(task, len(SCENARIOS) + 1), task)
 
 
-def _cell_order(cell: tuple[str, str]) -> tuple[tuple[int, str], tuple[int, str]]:
-    return _task_order(cell[0]), _placement_order(cell[1])
+def _cell_order(order: StudyOrder, cell: tuple[str, str]) -> tuple[tuple[int, int, str], tuple[int, str]]:
+    return _task_order(order, cell[0]), _placement_order(order, cell[1])

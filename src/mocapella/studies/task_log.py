@@ -33,10 +33,9 @@ from mocapella.recording.take_reader import Take, read_take
 from mocapella.recording.take_refs import AT_NS, LOG_NS, RUN
 from mocapella.schema import decode_scene
 from mocapella.studies.participants import number_of
-from mocapella.studies.progress import StudyEvent
-from mocapella.studies.recordings import LOGS
+from mocapella.studies.progress import NOTHING_TRACKED, StudyEvent
 from mocapella.studies.state_file import SavedSession, load_session
-from mocapella.studies.study_folder import SESSION, StudyFolder, add_files
+from mocapella.studies.study_folder import LOGS, SESSION, StudyFolder, add_files
 from mocapella.studies.task_runs import TaskRun, valid_runs
 
 _PARTS: Final = ".part"
@@ -52,6 +51,7 @@ class TaskLog(msgspec.Struct, frozen=True):
         results: number of results with tracked people.
         rows: number of rows of the study log.
         files: the files; empty if they were there already, or there is nothing to write.
+        empty: whether no result of the task has a tracked person; there is no study log of it then, only its events.
     """
 
     run: TaskRun
@@ -59,6 +59,7 @@ class TaskLog(msgspec.Struct, frozen=True):
     results: int
     rows: int
     files: tuple[Path, ...] = ()
+    empty: bool = False
 
 
 def write_logs(study: StudyFolder, code: str, *, by: str, at: datetime) -> tuple[TaskLog, ...]:
@@ -71,7 +72,8 @@ def write_logs(study: StudyFolder, code: str, *, by: str, at: datetime) -> tuple
         at: time of now.
 
     Returns:
-        One for each finished task and each take with results of it, and one without a take for a task without any.
+        One for each finished task and each take with results of it, and one without a take for a task without any. The
+        manifest has a task's events without a study log, with a remark, if nobody was tracked in it.
 
     Raises:
         SettingsError: the study has no such participant, or polars is not installed.
@@ -95,11 +97,12 @@ def write_logs(study: StudyFolder, code: str, *, by: str, at: datetime) -> tuple
             for number, take in enumerate(found, 1)
         ]
         if not found:
-            written.append(TaskLog(run, "", 0, 0))
-    made = [file for log in written for file in log.files]
+            written.append(_without_results(run, "", session, logs / _name(run)))
     add_files(study, [*sorted(folder.glob("*.mcap")), folder / SESSION], by=by, at=at)
     methods = sorted({run.info.method for take in takes for run in take.runs})
-    add_files(study, made, by=by, at=at, settings={"methods": methods})
+    for empty, remark in ((False, {}), (True, {"problem": NOTHING_TRACKED})):
+        made = [file for log in written if log.empty == empty for file in log.files]
+        add_files(study, made, by=by, at=at, settings={"methods": methods, **remark})
     return tuple(written)
 
 
@@ -132,7 +135,7 @@ def write_task_log(take: Take, run: TaskRun, session: SavedSession, base: Path) 
         if (found := list(_rows_of_task(scene, take, run, numbers, log_unix_ns)))
     ]
     if people is None or not results:  # no person was there, or the tracker was calibrating
-        return TaskLog(run, take.path.name, 0, 0)
+        return _without_results(run, take.path.name, session, base)
     named = replace(people, labels={number.number: labels for number in take.runs})
     csv, tables = _with(base, ".csv.gz"), (_with(base, ".people.parquet"), _with(base, ".events.parquet"))
     for half in tables:
@@ -179,6 +182,16 @@ def write_events(events: Sequence[StudyEvent], path: Path) -> None:
     polars.DataFrame(columns, schema=kinds).write_parquet(path, compression="zstd")
 
 
+def _without_results(run: TaskRun, take: str, session: SavedSession, base: Path) -> TaskLog:
+    """Write the events of a task during which nobody was tracked."""
+    file = _with(base, ".events.parquet")
+    if file.exists():
+        return TaskLog(run, take, 0, 0, empty=True)
+    with new_file(file) as part:
+        write_events([event for event in session.events if _is_of(event, run)], part)
+    return TaskLog(run, take, 0, 0, (file,), empty=True)
+
+
 def _write(take: Take, run: TaskRun, session: SavedSession, base: Path) -> TaskLog:
     if _with(base, ".csv.gz").exists():
         return TaskLog(run, take.path.name, 0, 0)
@@ -197,7 +210,8 @@ def _rows_of_task(
         "kinect_config": placements[run.placement],
         "scenario_id": run.scenario,
     }
-    for row in rows_of(scene, setup=take.info.setup, reference=None, tracker_time_ms=time_ms):
+    reference = min(take.sensors, default=None)
+    for row in rows_of(scene, setup=take.info.setup, reference=reference, tracker_time_ms=time_ms, fixed=True):
         yield msgspec.structs.replace(row, **labels)
 
 

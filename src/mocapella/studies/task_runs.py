@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from mocapella.studies.progress import StudyEvent
+from mocapella.studies.progress import NOTHING_TRACKED, StudyEvent
 
 
 class TaskRun(msgspec.Struct, frozen=True):
@@ -16,6 +16,7 @@ class TaskRun(msgspec.Struct, frozen=True):
         participant, index, placement, task, scenario, repetition, attempt: as in `StudyEvent`.
         spans: (first, last) times of its running parts [ns], in their order; the last time is after the last frame.
         finished: whether the attempt came to the task's end, and was not repeated after it.
+        empty: whether no person was tracked in it, as its last event says.
     """
 
     participant: str
@@ -27,6 +28,7 @@ class TaskRun(msgspec.Struct, frozen=True):
     attempt: int
     spans: tuple[tuple[int, int], ...]
     finished: bool
+    empty: bool = False
 
     def has(self, at_ns: int) -> bool:
         """Whether the task was running at a time [ns]."""
@@ -61,10 +63,17 @@ def task_runs(events: Iterable[StudyEvent]) -> tuple[TaskRun, ...]:
             run, span, began = found[key], (began, event.at_ns), None
             found[key] = msgspec.structs.replace(run, spans=(*run.spans, span))
         if event.what in {"finished", "repeated"} and key in found:
-            found[key] = msgspec.structs.replace(found[key], finished=event.what == "finished")
+            finished = event.what == "finished"
+            empty = finished and event.note.endswith(NOTHING_TRACKED)
+            found[key] = msgspec.structs.replace(found[key], finished=finished, empty=empty)
     return tuple(found.values())
 
 
 def valid_runs(events: Iterable[StudyEvent]) -> tuple[TaskRun, ...]:
     """Return the analysed attempt at each task, finished and not repeated, in the order of the plan."""
     return tuple(sorted((run for run in task_runs(events) if run.finished), key=lambda run: run.index))
+
+
+def empty_runs(events: Iterable[StudyEvent]) -> tuple[TaskRun, ...]:
+    """Return the `valid_runs` during which no person was tracked."""
+    return tuple(run for run in valid_runs(events) if run.empty)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 import numpy as np
@@ -13,14 +13,23 @@ import numpy as np
 from mocapella.errors import MocapellaError
 from mocapella.evaluation.methods import AS_LOGGED, scored_tracker
 from mocapella.model.topology import topology
-from mocapella.recording.study_log import is_study_log, read_study_log
 from mocapella.studies.analysis import analyze_file
 from mocapella.studies.differences import AlignedPairs, difference_sums
 from mocapella.studies.engines import Failed, run_each
 from mocapella.studies.measures.measure import INTERACTIONS, OBSTACLE
 from mocapella.studies.method_results import results_of_methods
 from mocapella.studies.method_views import MethodViews
-from mocapella.studies.results import ComparedViews, DifferenceSums, FileResults, StudyFinding, StudyResults
+from mocapella.studies.naming import RecordingNames, StudyNames
+from mocapella.studies.recordings import whole_log
+from mocapella.studies.results import (
+    ComparedViews,
+    DifferenceSums,
+    FileResults,
+    MeasuredFigure,
+    PoseStrip,
+    StudyFinding,
+    StudyResults,
+)
 from mocapella.studies.tables import StudyTable, TableColumn
 
 RECORDED: Final = (AS_LOGGED,)
@@ -44,6 +53,7 @@ def analyze_recordings(
     participants: Collection[str] | None = None,
     methods: Sequence[str] = RECORDED,
     engine: str = "local",
+    names: StudyNames | None = None,
     on_done: Callable[[str], None] = lambda name: None,
 ) -> list[FileResults]:
     """Analyse recordings, each by itself, and return their results in the order of the paths.
@@ -55,45 +65,77 @@ def analyze_recordings(
         participants: codes of the analysed participants; recordings of others give no result. None for all.
         methods: methods whose alignment is scored; the logged rows always are.
         engine: as in `mocapella.studies.engines`.
+        names: of the study's tasks, placements and codes; None without a study's folder.
         on_done: called with the name of each file that is done.
 
     Raises:
         SettingsError, EngineError: the engine is unknown, or cannot be used.
     """
     chosen = None if participants is None else tuple(participants)
-    function = partial(analyze_recording, participants=chosen, methods=tuple(methods))
+    function = partial(analyze_recording, participants=chosen, methods=tuple(methods), names=names)
     found = run_each(function, list(paths), engine, lambda index, result: on_done(paths[index].name))
     results = [_left_out(path, one) if isinstance(one, Failed) else one for path, one in zip(paths, found, strict=True)]
     return [one for one in results if participants is None or one.rows or one.findings]
 
 
-def analyze_recording(path: Path, *, participants: Collection[str] | None, methods: Sequence[str]) -> FileResults:
+def analyze_recording(
+    path: Path, *, participants: Collection[str] | None, methods: Sequence[str], names: StudyNames | None = None
+) -> FileResults:
     """Analyse one recording: its logged rows, its rows by other methods, and the measures of its tasks.
 
     Args:
         path: a study log or a take; methods and measures apply to study logs only.
-        participants, methods: as in `analyze_recordings`.
+        participants, methods, names: as in `analyze_recordings`.
     """
-    found = analyze_file(path, participants=participants)
+    numbers = names.of(path) if names is not None else RecordingNames()
+    found = analyze_file(path, participants=participants, names=numbers)
+    recorded = sorted((_recorded_apart(one, methods) for one in found.summaries), key=lambda one: one.key)
+    found = msgspec.structs.replace(found, summaries=tuple(recorded))
     tasks = {one.key.task for one in found.summaries}
     measured = not tasks.isdisjoint((*OBSTACLE, *INTERACTIONS))
-    if not tasks or not is_study_log(path) or (set(methods) <= set(RECORDED) and not measured):
+    if not tasks or (set(methods) <= set(RECORDED) and not measured):
         return found
     try:
-        log = read_study_log(path)
-        own = results_of_methods(log, list(dict.fromkeys((AS_LOGGED, *methods))))
+        log = whole_log(path)
+        if log is None:
+            return found
+        every = list(dict.fromkeys((AS_LOGGED, *methods)))
+        own = results_of_methods(log, every, names=numbers, participants=participants)
     except MocapellaError as error:
         what = f"methods and measures cannot use it: {error}"
         return msgspec.structs.replace(
             found, findings=(*found.findings, StudyFinding(path.name, what, "only the recorded views are analysed"))
         )
     sums = [sums for views in own.views if views.method != AS_LOGGED for sums in sums_of_method(views)]
+    logged = _recorded_name(numbers.method or AS_LOGGED, methods)
     return msgspec.structs.replace(
         found,
         findings=(*found.findings, *own.findings),
         summaries=tuple(sorted((*found.summaries, *sums), key=lambda one: one.key)),
-        strips=own.strips,
-        measured=own.measured,
+        strips=tuple(_by(one, logged) for one in own.strips),
+        measured=tuple(_by(one, logged) for one in own.measured),
+    )
+
+
+Tracked = TypeVar("Tracked", PoseStrip, MeasuredFigure)
+
+
+def _by(one: Tracked, logged: str) -> Tracked:
+    """Return a strip or figure of logged rows as that of the method which they were recorded with."""
+    return msgspec.structs.replace(one, method=logged) if one.method == AS_LOGGED else one
+
+
+def _recorded_name(method: str, methods: Sequence[str]) -> str:
+    """Return the name of a method's recorded views; the same method may also track the log again."""
+    return f"recorded-{method}" if method != AS_LOGGED and method in methods else method
+
+
+def _recorded_apart(sums: DifferenceSums, methods: Sequence[str]) -> DifferenceSums:
+    name = _recorded_name(sums.key.method, methods)
+    return (
+        sums
+        if name == sums.key.method
+        else msgspec.structs.replace(sums, key=msgspec.structs.replace(sums.key, method=name))
     )
 
 
