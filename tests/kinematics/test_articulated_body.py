@@ -331,7 +331,7 @@ def test_a_foot_that_stands_is_held_and_one_that_walks_is_not() -> None:
 
 
 def test_angles_have_names_and_a_topology_without_a_model_is_refused() -> None:
-    with pytest.raises(SettingsError, match="topology 'kinect_v1' has no body model; there are kinect_v2"):
+    with pytest.raises(SettingsError, match="topology 'kinect_v1' has no body model; there are halpe_26, kinect_v2"):
         ArticulatedBody(topology("kinect_v1"))
     assert ArticulatedBody(KINECT).pose is None
     own = ArticulatedBody(KINECT)

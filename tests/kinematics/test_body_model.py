@@ -18,12 +18,13 @@ TEXT = files("mocapella.kinematics").joinpath("models", "kinect_v2.toml").read_t
 
 
 def test_the_skeleton_of_people_has_a_body_model_whose_sides_are_alike() -> None:
-    assert body_model_names() == (SKELETON.name,)
+    assert body_model_names() == ("halpe_26", SKELETON.name)
     for name in body_model_names():
         body, tree = body_model(name), topology(name)
+        assert {child for _, child in body.tree} == {child for _, child in tree.bones}
         model = ArticulatedModel.of(tree)
         assert memory_size(model) == model.layout[-1]
-        for parent, child in tree.bones:
+        for parent, child in body.tree:
             other = tree.mirror[child]
             np.testing.assert_allclose(np.array(body.bones[child].offset) * (1 if other == child else -1, 1, 1),
                                        body.bones[other].offset)  # fmt: skip
@@ -52,6 +53,7 @@ def test_the_skeleton_of_people_has_a_body_model_whose_sides_are_alike() -> None
         ("centre = [0.6, -0.2, 0.77]", "centre = [0, 0, 0]", "centre"),
         ("misfit_m = 0.03", "misfit_m = -1", "misfit_m"),
         ("misfit_m = 0.03", "misfits_m = 0.03", "misfits_m"),
+        ("misfit_m = 0.03", "stiffness = -1", "stiffness"),
     ],
 )
 def test_what_is_wrong_is_named(old: str, new: str, says: str) -> None:
@@ -73,6 +75,23 @@ def test_a_topology_without_a_body_model_is_refused() -> None:
     hand = Topology("hand", KINECT.joints, KINECT.bones, KINECT.mirror, KINECT.parts)
     with pytest.raises(SettingsError, match="kinect_v2"):
         ArticulatedModel.of(hand)
+
+
+def test_a_heel_hangs_at_the_toe_of_its_own_side_and_so_turns_with_the_foot() -> None:
+    halpe = topology("halpe_26")
+    table = ArticulatedModel.of(halpe).joint_table
+    for side in "LR":
+        heel, toe, ankle = (halpe.index(f"{side}{name}") for name in ("Heel", "BigToe", "Ankle"))
+        assert table[heel, 0] == toe
+        assert table[toe, 0] == ankle
+        assert table[heel, 2] == 0
+
+
+def test_bones_that_reach_no_root_are_refused() -> None:
+    with pytest.raises(SettingsError, match="hangs at no bone that reaches the root"):
+        body_model_from_toml(TEXT.replace("[bones.WristLeft]\n", '[bones.WristLeft]\nparent = "HandLeft"\n'), KINECT)
+    with pytest.raises(SettingsError, match="Nowhere"):
+        body_model_from_toml(TEXT.replace("[bones.WristLeft]\n", '[bones.WristLeft]\nparent = "Nowhere"\n'), KINECT)
 
 
 def test_a_root_bone_is_refused() -> None:

@@ -116,6 +116,26 @@ def test_the_linear_time_solution_is_the_dense_one(seed: int) -> None:
 
 
 @pytest.mark.slow
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_the_linear_time_solution_by_information_matrices_is_the_dense_one(seed: int) -> None:
+    x, twists, residuals, weights, D, e, J = tree_problem(seed)
+    rng = np.random.default_rng(seed)
+    halves = rng.normal(0, 1, (JOINTS, 3, 2))  # of rank 2, as of one ray
+    full = weights[:, None, None] * halves @ halves.swapaxes(1, 2)
+    forces = np.einsum("jkl,jl->jk", full, residuals)
+    packed = np.ascontiguousarray(full[:, *np.triu_indices(3)])
+    work = Elimination(
+        np.empty((JOINTS, 27)), np.empty((DOFS, 6)), np.empty(DOFS), np.empty(DOFS), np.empty((JOINTS, 6))
+    )
+    delta = np.empty(DOFS)
+    solve(MODEL.joint_table, MODEL.order, twists, D, e, x, forces, packed, work, delta)
+    H = np.einsum("jki,jkl,jlm->im", J, full, J) + np.diag(D)
+    g = np.einsum("jki,jk->i", J, forces) + D * e
+    np.testing.assert_allclose(delta, np.linalg.solve(H, g), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_the_variances_of_a_tree_of_independent_angles(seed: int) -> None:

@@ -26,7 +26,7 @@ from mocapella.kinematics.chain_kernels import Elimination, forward, independent
 
 Float64 = NDArray[np.float64]
 
-__all__ = ["correct", "forward", "move", "predict"]
+__all__ = ["correct", "forward", "learn_motion", "move", "place", "predict"]
 
 LARGE_STEP = 0.5
 """Largest change of a degree of freedom in the first step; after a larger one, a second step follows [m, rad]."""
@@ -74,7 +74,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
         work[i] = row[i]
     scale_bones(layout, work, predicted_scale(work, at_s - row[at.AT], model.parameters.scale_s))
     advance(model, work, at_s)
-    _place(model, work, origin, positions, R, xi)
+    place(model, work, origin, positions, R, xi)
     independent(
         model.joint_table, model.order, xi, work, layout.variance, positions, np.empty((layout.joints, 10)), variances
     )
@@ -85,7 +85,7 @@ def predict(model: BodyArrays, row: Float64, at_s: float, positions: Float64, va
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
+def place(model: BodyArrays, row: Float64, origin: Float64, x: Float64, R: Float64, xi: Float64) -> None:
     """Compute joints, frames and twists of a memory row about its root, whose position is written into origin (3,)."""
     for k in range(3):
         origin[k] = row[model.layout.angles + k]
@@ -138,7 +138,7 @@ def correct(
     scale_bones(layout, row, 1.0 / scale)
     if seen > 0:
         if known:
-            _learn_motion(layout, row, total, posterior, body)
+            learn_motion(layout, row, total, posterior, body)
             forget = math.expm1(-dt / model.parameters.surprise_s)
             row[at.RESTLESS] -= forget * (surprise / seen - row[at.RESTLESS])
             _learn_lengths(model, row, dt, R, frame)
@@ -184,7 +184,7 @@ def _fit(
     x, residuals, weights = positions, frame.residuals, frame.weights
     pull, surprise, seen = 1.0 / model.parameters.rest_sd**2 * dt, 0.0, 0
     steps = 2 if known else FIRST_STEPS
-    _place(model, row, origin, x, R, xi)
+    place(model, row, origin, x, R, xi)
     independent(joint_table, order, xi, row, layout.variance, x, C, variances)
     for step in range(steps):
         surprise, seen = _weigh(model, row, frame, step, known, dt, origin, x, variances, surprise)
@@ -208,7 +208,7 @@ def _fit(
             total[i] += delta[i]
             largest = max(largest, abs(delta[i]))
         done = step + 1 == steps or (known and largest < LARGE_STEP)
-        _place(model, row, origin, x, R, xi[:0] if done else xi)
+        place(model, row, origin, x, R, xi[:0] if done else xi)
         if done:
             break
     return surprise, seen
@@ -280,7 +280,7 @@ def _learn_noise(row: Float64, jumps: int, residuals: Float64, j: int, forget: f
 
 
 @njit(cache=True, error_model="numpy")
-def _learn_motion(layout: MemoryLayout, row: Float64, total: Float64, posterior: Float64, body: Float64) -> None:
+def learn_motion(layout: MemoryLayout, row: Float64, total: Float64, posterior: Float64, body: Float64) -> None:
     """Update velocities and variances after a step, by each velocity's covariance with its degree of freedom.
 
     Args:

@@ -45,6 +45,8 @@ class MemoryLayout(NamedTuple):
             deviations, limited to ±2 a frame.
         slack: (joints,) angle added to the limits of each joint [rad].
         demands: (joints,) recent average of the angle that a joint's limits held it back in a frame [rad].
+        ages: (joints, 4) for how long each joint has not been triangulated [s], and its last innovation, in standard
+            deviations; only in bodies that are measured by rays.
         contacts: (contacts, 6) last position of each joint that may touch the floor, such as a foot, world [m], and its
             smoothed velocity [m/s].
         jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the noise variance of a
@@ -67,17 +69,19 @@ class MemoryLayout(NamedTuple):
     strains: int
     slack: int
     demands: int
+    ages: int
     contacts: int
     jumps: int
     size: int
 
 
-def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int) -> MemoryLayout:
+def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: int, *, ages: int = 0) -> MemoryLayout:
     """Lay out the arrays of a body one after the other, from index `HEAD` on.
 
     Args:
         dofs, balls, joints, lengths: counts as of `MemoryLayout`.
         contacts: number of joints that may touch the floor.
+        ages: number of joints whose ages are kept: all of a body that is measured by rays, else 0.
     """
     starts = [HEAD]
     for size in (
@@ -92,6 +96,7 @@ def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: in
         lengths,
         joints,
         joints,
+        4 * ages,
         6 * contacts,
         4 * joints,
     ):

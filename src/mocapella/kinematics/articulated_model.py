@@ -168,8 +168,9 @@ class ArticulatedModel(msgspec.Struct, frozen=True, eq=False):
         settings: the settings.
         layout: counts, and the layout of a body's memory.
         dof_kind: (dofs,) `TRANSLATION`, `ABOUT` or `OF_BALL` plus its axis.
-        dof_values: (dofs, 6) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
-            limit of its predicted variance [m² or rad²], and surprise above which the density holds in full [ratio].
+        dof_values: (dofs, 7) least and most angle, angle at rest [rad], density of its acceleration [m²/s³ or rad²/s³],
+            limit of its predicted variance [m² or rad²], surprise above which the density holds in full, and stiffness
+            [ratio].
             Ball joints' limits are in ``joint_values``.
         joint_table: (joints, 6) indices of parent joint and first degree of freedom, number of degrees of freedom, and
             indices of ball joint, bone length and contact; −1 for none.
@@ -225,13 +226,13 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
     kinds = [TRANSLATION + k for k in range(3)] + [OF_BALL + k for k in range(3)]
     density = {motion: getattr(settings, f"{motion}_turn") for motion in MOTIONS}
     surprise = dict.fromkeys(MOTIONS, settings.full_surprise) | dict.fromkeys(("arm", "hand"), settings.arm_surprise)
-    rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0, settings.full_surprise)] * 3
-    rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0, settings.full_surprise)] * 3
+    rows = [(-np.inf, np.inf, 0.0, settings.root_acceleration, 1.0, settings.full_surprise, 0.0)] * 3
+    rows += [(-np.inf, np.inf, 0.0, settings.root_turn, 1.0, settings.full_surprise, 0.0)] * 3
     table[root, :4] = -1, 0, ROOT_DOFS, 0
     table[list(body.contacts), 5] = range(len(body.contacts))
     balls, lengths = 1, 0
-    order = [root, *(child for _, child in tree.bones)]
-    for parent, child in tree.bones:
+    order = [root, *(child for _, child in body.tree)]
+    for parent, child in body.tree:
         bone = body.bones[child]
         length = float(np.linalg.norm(bone.offset))
         values[child, 11:13] = bone.misfit_m**2, bone.firm
@@ -242,12 +243,12 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
             values[child, 4:7] = np.array(bone.ball.centre) / np.linalg.norm(bone.ball.centre)
             values[child, 7:10] = np.radians((bone.ball.cone_deg, *bone.ball.twist_deg))
             kinds += [OF_BALL + k for k in range(3)]
-            rows += [(-np.inf, np.inf, 0.0, q, 1.0, full)] * 3
+            rows += [(-np.inf, np.inf, 0.0, q, 1.0, full, bone.stiffness)] * 3
             table[child, 3], balls = balls, balls + 1
         for hinge in bone.hinges:
             kinds.append(ABOUT + AXES.index(hinge.axis))
             least, most = np.radians(hinge.limits_deg)
-            rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4), full))
+            rows.append((least, most, 0.0, q, min(1.0, (most - least) ** 2 / 4), full, bone.stiffness))
         other = tree.mirror[child]
         if table[other, 4] >= 0:
             table[child, 4] = table[other, 4]
@@ -256,6 +257,7 @@ def pack(body: BodyModel, settings: ArticulatedSettings) -> ArticulatedModel:
         table[child, :3] = parent, first, len(kinds) - first
     parameters = BodyParameters(*(float(getattr(settings, name)) for name in BodyParameters._fields))
     return ArticulatedModel(
-        body, settings, memory_layout(len(kinds), balls, joints, lengths, len(body.contacts)),
+        body, settings,
+        memory_layout(len(kinds), balls, joints, lengths, len(body.contacts), ages=joints if body.by_rays else 0),
         np.array(kinds, dtype=np.int64), np.array(rows), table, values, np.array(order, dtype=np.int64), parameters,
     )  # fmt: skip

@@ -87,6 +87,9 @@ class Bone:
         hinges: revolute joints from the parent outwards.
         ball: a ball joint, instead of hinges; None without one. Without either, the bone is fixed to its parent.
         firm: whether limits and length also hold against measurements that contradict them for long.
+        parent: name of the joint that the bone hangs at; empty for the topology's parent of its end.
+        stiffness: factor of the pull towards rest (`ArticulatedSettings.rest_sd`) of its joint; larger: nearer to rest
+            where it is not measured; only in bodies that are measured by rays [ratio].
     """
 
     offset: tuple[float, float, float]
@@ -95,10 +98,13 @@ class Bone:
     hinges: tuple[Hinge, ...] = ()
     ball: BallJoint | None = None
     firm: bool = False
+    parent: str = ""
+    stiffness: float = 1.0
 
     def __post_init__(self) -> None:
         check(sum(c * c for c in self.offset) > 0.0, "offset", self.offset, "not zero")
         check(0 <= self.misfit_m < 10, "misfit_m", self.misfit_m, "0 m or more")
+        check(0 <= self.stiffness < 1e6, "stiffness", self.stiffness, "0 or more")
         check(self.motion in MOTIONS, "motion", self.motion, "one of " + ", ".join(MOTIONS))
         check(len(self.hinges) <= 3, "hinges", len(self.hinges), "at most 3 for a bone")
         check(not (self.hinges and self.ball), "ball", self.ball, "absent where there are hinges")
@@ -124,6 +130,8 @@ class BodyModel:
         bones: the bone that ends at each joint, by joint index; for every joint but the root.
         torso: indices of the joints that determine the root's pose at initialisation.
         contacts: indices of the joints that may stand on the floor, such as ankles.
+        tree: (parent, child) indices of the bones, a parent before its children.
+        by_rays: whether its joints are measured by rays of cameras, rather than by points.
         root_misfit_m: `Bone.misfit_m` of the root [m].
     """
 
@@ -131,6 +139,8 @@ class BodyModel:
     bones: Mapping[int, Bone]
     torso: tuple[int, ...]
     contacts: tuple[int, ...]
+    tree: tuple[tuple[int, int], ...]
+    by_rays: bool = False
     root_misfit_m: float = 0.01
 
 
@@ -141,6 +151,7 @@ class _Tables:
     bones: dict[str, dict[str, Any]]
     torso: tuple[str, ...]
     contacts: tuple[str, ...] = ()
+    by_rays: bool = False
 
 
 @cache
@@ -185,7 +196,10 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
         if other == joint:
             bones[joint] = bone
         else:
-            bones[joint], bones[other] = bone.of_side("left"), bone.mirrored().of_side("right")
+            mirrored = bone.mirrored().of_side("right")
+            if bone.parent:
+                mirrored = replace(mirrored, parent=of.joints[of.mirror[of.index(bone.parent)]])
+            bones[joint], bones[other] = bone.of_side("left"), mirrored
     root = of.parts["root"]
     missing = [of.joints[child] for _, child in of.bones if child not in bones]
     if missing or root in bones:
@@ -195,4 +209,21 @@ def body_model_from_toml(text: str, of: Topology) -> BodyModel:
     if len(set(torso)) < 4 or len({of.mirror[j] for j in torso} - set(torso)) > 0:
         raise SettingsError(f"{where}: torso wants four joints or more, each with its mirror image")
     contacts = tuple(of.index(name) for name in data.contacts)
-    return BodyModel(of, bones, torso, contacts)
+    return BodyModel(of, bones, torso, contacts, _tree(of, bones, where), data.by_rays)
+
+
+def _tree(of: Topology, bones: Mapping[int, Bone], where: str) -> tuple[tuple[int, int], ...]:
+    """Return (parent, child) of all bones, a parent before its children, in the topology's order where possible."""
+    parents: dict[int, int] = {}
+    for parent, child in of.bones:
+        named = bones[child].parent
+        parents[child] = of.index(named) if named else parent
+    reached, tree = {of.parts["root"]}, []
+    while parents:
+        free = [child for child, parent in parents.items() if parent in reached]
+        if not free:
+            loose = of.joints[min(parents)]
+            raise SettingsError(f"{where}: bone {loose} hangs at no bone that reaches the root; name another parent")
+        reached.add(free[0])
+        tree.append((parents.pop(free[0]), free[0]))
+    return tuple(tree)

@@ -216,6 +216,50 @@ def _add_point(M: Float64, j: int, w: float, x: Float64, residuals: Float64) -> 
 
 
 @njit(cache=True, error_model="numpy")
+def _add_information(M: Float64, j: int, information: Float64, x: Float64, forces: Float64) -> None:
+    """Add the information matrix Λ of joint j to its subtree's inertia, and the force Λ r to its force.
+
+    With J = (−[x]×, I), the velocity of the joint under a twist (ω, v), they are Jᵀ Λ J and Jᵀ Λ r.
+    """
+    f, g, h = x[j, 0], x[j, 1], x[j, 2]
+    a, b, c = information[j, 0], information[j, 1], information[j, 2]
+    d, e, i = information[j, 3], information[j, 4], information[j, 5]
+    # [x]× Λ, row by row
+    p00, p01, p02 = g * c - h * b, g * e - h * d, g * i - h * e
+    p10, p11, p12 = h * a - f * c, h * b - f * e, h * c - f * i
+    p20, p21, p22 = f * b - g * a, f * d - g * b, f * e - g * c
+    # −[x]× Λ [x]×
+    M[j, 0] += g * p02 - h * p01
+    M[j, 1] += h * p00 - f * p02
+    M[j, 2] += f * p01 - g * p00
+    M[j, 6] += h * p10 - f * p12
+    M[j, 7] += f * p11 - g * p10
+    M[j, 11] += f * p21 - g * p20
+    M[j, 3] += p00
+    M[j, 4] += p01
+    M[j, 5] += p02
+    M[j, 8] += p10
+    M[j, 9] += p11
+    M[j, 10] += p12
+    M[j, 12] += p20
+    M[j, 13] += p21
+    M[j, 14] += p22
+    M[j, 15] += a
+    M[j, 16] += b
+    M[j, 17] += c
+    M[j, 18] += d
+    M[j, 19] += e
+    M[j, 20] += i
+    r0, r1, r2 = forces[j, 0], forces[j, 1], forces[j, 2]
+    M[j, 21] += g * r2 - h * r1
+    M[j, 22] += h * r0 - f * r2
+    M[j, 23] += f * r1 - g * r0
+    M[j, 24] += r0
+    M[j, 25] += r1
+    M[j, 26] += r2
+
+
+@njit(cache=True, error_model="numpy")
 def _eliminate(
     joint_table: Int64, order: Int64, xi: Float64, D: Float64, e: Float64, x: Float64, residuals: Float64,
     weights: Float64, work: Elimination,
@@ -227,7 +271,9 @@ def _eliminate(
             M[j, i] = 0.0
     for o in range(len(order) - 1, -1, -1):
         j = order[o]
-        if weights[j] > 0.0:
+        if weights.ndim == 2:  # decided when the kernel is compiled
+            _add_information(M, j, weights, x, residuals)
+        elif weights[j] > 0.0:
             _add_point(M, j, weights[j], x, residuals)
         m00, m01, m02 = M[j, 0], M[j, 1], M[j, 2]
         m03, m04, m05 = M[j, 3], M[j, 4], M[j, 5]
@@ -296,8 +342,10 @@ def solve(
         xi: (dofs, 6) twists of `forward`.
         D, e: (dofs,) prior information [1/m², 1/rad²] and prior mean [m, rad] of each degree of freedom's small motion.
         x: (joints, 3) estimated joints of `forward` [m].
-        residuals: (joints, 3) measured − estimated [m]; read where the weight is above 0.
-        weights: (joints,) 1/variance [1/m²].
+        residuals: (joints, 3) measured − estimated [m]; read where the weight is above 0. With information matrices Λ:
+            their products Λ r with these residuals [1/m].
+        weights: (joints,) 1/variance [1/m²]; or (joints, 6) information matrices Λ, upper triangles, row by row; 0
+            where not measured.
         work: written; `marginals` reads its U and d.
         delta: (dofs,) written: the small motion [m, rad].
     """
