@@ -19,8 +19,9 @@ def kind(request: pytest.FixtureRequest) -> Topology:
 
 def test_all_sensors_are_there() -> None:
     assert {kind.name: len(kind) for kind in ALL} == {
-        "arkit": 91, "azure_kinect": 32, "body_25": 25, "coco_17": 17, "halpe_26": 26, "hand": 21, "kinect_v1": 20,
-        "kinect_v2": 25, "mediapipe_pose": 33, "nite": 15,
+        "arkit": 91, "azure_kinect": 32, "body_25": 25, "body_25b": 25, "coco_17": 17, "coco_18": 18,
+        "coco_wholebody_133": 133, "halpe_26": 26, "halpe_136": 136, "hand": 21, "kinect_v1": 20, "kinect_v2": 25,
+        "mediapipe_pose": 33, "nite": 15,
     }  # fmt: skip
 
 
@@ -31,6 +32,12 @@ def test_all_sensors_are_there() -> None:
                    "head_joint": 51, "nose_joint": 58, "right_hand_joint": 66, "right_handThumbEnd_joint": 90}),
         ("azure_kinect", {"NECK": 3, "CLAVICLE_LEFT": 4, "THUMB_LEFT": 10, "HIP_LEFT": 18, "HEAD": 26}),
         ("body_25", {"Nose": 0, "RShoulder": 2, "LShoulder": 5, "MidHip": 8, "REye": 15, "LBigToe": 19, "RHeel": 24}),
+        ("body_25b", {"Nose": 0, "LShoulder": 5, "LHip": 11, "Neck": 17, "Head": 18, "LBigToe": 19, "RHeel": 24}),
+        ("coco_18", {"Nose": 0, "Neck": 1, "RShoulder": 2, "LShoulder": 5, "RHip": 8, "LAnkle": 13, "LEar": 17}),
+        ("coco_wholebody_133", {"right_ankle": 16, "left_big_toe": 17, "right_heel": 22, "face_0": 23, "face_67": 90,
+                                "left_hand_root": 91, "left_thumb4": 95, "right_hand_root": 112,
+                                "right_pinky_finger4": 132}),
+        ("halpe_136", {"Nose": 0, "RHeel": 25, "face_0": 26, "left_hand_root": 94, "right_hand_root": 115}),
         ("coco_17", {"nose": 0, "left_ear": 3, "left_shoulder": 5, "right_hip": 12, "right_ankle": 16}),
         ("halpe_26", {"Nose": 0, "LShoulder": 5, "Head": 17, "Neck": 18, "Hip": 19, "LSmallToe": 22, "RHeel": 25}),
         ("mediapipe_pose", {"LEFT_EYE_OUTER": 3, "MOUTH_LEFT": 9, "LEFT_PINKY": 17, "LEFT_HIP": 23, "LEFT_HEEL": 29}),
@@ -74,9 +81,38 @@ def test_left_mirrors_to_right(kind: Topology) -> None:
     sides |= {right: left for left, right in sides.items()}
     for i, joint in enumerate(kind.joints):
         swapped = re.sub("|".join(sides), lambda side: sides[side[0]], joint)
-        if kind.name in {"body_25", "halpe_26"}:  # LEar, RBigToe
-            swapped = re.sub("^[LR](?=[A-Z])", lambda side: "R" if side[0] == "L" else "L", joint)
+        if re.match("[LR][A-Z][a-z]", joint):  # LEar, RBigToe
+            swapped = re.sub("^[LR]", lambda side: "R" if side[0] == "L" else "L", joint)
+        if joint.startswith("face_"):
+            continue  # numbered; see below
         assert kind.joints[kind.mirror[i]] == swapped
+
+
+@pytest.mark.parametrize("name", ["coco_wholebody_133", "halpe_136"])
+def test_the_face_is_mirrored_as_ibug_numbers_it(name: str) -> None:
+    kind = topology(name)
+    central = {int(kind.joints[i].removeprefix("face_")) for i, other in enumerate(kind.mirror)
+               if i == other and kind.joints[i].startswith("face_")}  # fmt: skip
+    assert central == {8, 27, 28, 29, 30, 33, 51, 57, 62, 66}
+    for left, right in ((0, 16), (21, 22), (36, 45), (41, 46), (48, 54), (59, 55), (60, 64), (67, 65)):
+        assert kind.mirror[kind.index(f"face_{left}")] == kind.index(f"face_{right}")
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ALL if "halpe_26" in kind.mappings], ids=lambda kind: kind.name)
+def test_keypoints_of_detectors_are_single_joints_of_halpe(kind: Topology) -> None:
+    for joint, terms in kind.mappings["halpe_26"].items():
+        assert list(terms.values()) == [1.0]
+        (own,) = terms
+        assert (
+            topology("halpe_26").joints[joint][-3:].lower() in kind.joints[own].lower() or "INDEX" in kind.joints[own]
+        )
+
+
+def test_the_topologies_of_detectors_have_a_mapping_to_halpe() -> None:
+    assert {kind.name: len(kind.mappings["halpe_26"]) for kind in ALL if "halpe_26" in kind.mappings} == {
+        "body_25": 24, "body_25b": 25, "coco_17": 17, "coco_18": 17, "coco_wholebody_133": 23, "halpe_136": 26,
+        "mediapipe_pose": 21,
+    }  # fmt: skip
 
 
 def test_the_parts_that_methods_ask_for_are_there(kind: Topology) -> None:

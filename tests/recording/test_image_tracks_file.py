@@ -115,8 +115,10 @@ def test_a_csv_of_no_use_is_refused_with_row_and_field(tmp_path: Path, text: str
     ("content", "said"),
     [
         ("{", "is no JSON"),
-        ("[]", "no list of people"),
-        ('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}', r"people\[0\].pose_keypoints_2d: 3: not x, y"),
+        ("{}", "no list of people"),
+        ("[3]", "no list of people|keypoint_scores"),
+        ('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}', r"people\[0\].pose_keypoints_2d: 1: no known set"),
+        ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', r"people\[0\].pose_keypoints_2d: 2: not x, y"),
         (json.dumps({"people": [{"pose_keypoints_2d": ["a"] * 75}]}), "not numbers"),
         (json.dumps({"people": [{"pose_keypoints_2d": [-1.0] * 75}]}), "confidence below 0"),
     ],

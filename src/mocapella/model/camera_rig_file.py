@@ -4,27 +4,32 @@ Our format is lossless to the bit. `load_camera_rig` recognises the format of a 
 
 - ours, with ``format = "mocapella camera rig"``;
 - Caliscope's ``camera_array.toml`` (a table ``cameras``) and ``config.toml`` (tables ``cam_…``);
-- Pose2Sim's ``Calib_*.toml``, also converted from Qualisys, OpenCap or Vicon (a table for each camera, with a
-  rotation vector).
+- Pose2Sim's ``Calib_*.toml``, also converted from Qualisys, OpenCap or Vicon, and Anipose's ``calibration.toml`` (a
+  table for each camera, with a rotation vector);
+- OpenCV's file storage, XML or YAML, of OpenPose, EasyMocap and others, see `mocapella.model.opencv_storage`; also a
+  folder with a file for each camera, or with ``intri.yml`` and ``extri.yml``;
+- Qualisys' ``.qca.txt``.
 
-World frames of other formats are kept: only in ours y is known to be up.
+World frames of other formats are kept: only in ours y is known to be up. If a translation is longer than 100, the
+translations of the file are taken as millimetres, in which Anipose and others measure boards.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.decoding import decode_toml, read_whole
+from mocapella.decoding import decode_text, decode_toml, decode_xml, read_whole
 from mocapella.errors import InputError, SettingsError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.model.observations import check_sensor_name
+from mocapella.model.opencv_storage import camera_tables, decode_opencv_storage, is_opencv_storage, qualisys_tables
 from mocapella.model.whole_file import write_whole
 
 Float64 = NDArray[np.float64]
@@ -32,6 +37,14 @@ Float64 = NDArray[np.float64]
 FORMAT: Final = "mocapella camera rig"
 VERSION: Final = 1
 """Version of the file's layout."""
+FARTHEST_M: Final = 100.0
+"""Translations of other programs' files are millimetres if one is longer [m]."""
+_STORAGES: Final = (".xml", ".yml", ".yaml")
+_PARTNERS: Final = {"intri": "extri", "extri": "intri", "intrinsics": "extrinsics", "extrinsics": "intrinsics"}
+_KNOWN: Final = (
+    "use a file of mocapella calibrate, Caliscope, Pose2Sim, Anipose, OpenCV (XML, YAML), EasyMocap (folder of "
+    "intri.yml and extri.yml) or Qualisys (.qca.txt)"
+)
 _ANEW: Final = "calibrate anew: mocapella calibrate cameras"
 _FIELDS: Final = ("size_px", "focal_px", "centre_px", "distortion", "T_camera_world")
 _OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
@@ -64,7 +77,7 @@ def _table(placed: PlacedCamera) -> dict[str, Any]:
 
 
 def load_camera_rig(path: Path | str) -> CameraRig:
-    """Read a rig from a TOML file of Mocapella, Caliscope or Pose2Sim; the format is recognised.
+    """Read a rig from a file, or a folder, of one of the formats above; the format is recognised.
 
     The world frame stays the file's; only in Mocapella's format y is known to be up. Numbers that a format lacks are
     NaN (covariance) or 0. Cameras that Caliscope ignores are left out, and its numbered ones are called ``cam_0``, ….
@@ -72,7 +85,36 @@ def load_camera_rig(path: Path | str) -> CameraRig:
     Raises:
         InputError: the file does not exist, or has another format; states the field, its value and a remedy.
     """
+    path = Path(path)
+    if path.is_dir():
+        return _of_storages(_storage_files(path), path)
+    partner = _PARTNERS.get(path.stem.lower())
+    if partner is not None and path.suffix.lower() in _STORAGES:
+        both = (partner, path.stem.lower())
+        return _of_storages([one for one in _files_like(path.parent) if one.stem.lower() in both], path)
     return decode_camera_rig(read_whole(path, fix=_ANEW), file=path)
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    """Return the files of a folder in OpenCV's file storage; of EasyMocap's two files these alone."""
+    files = _files_like(folder)
+    return [one for one in files if one.stem.lower() in ("intri", "extri")] or files
+
+
+def _files_like(folder: Path) -> list[Path]:
+    return sorted(one for one in folder.iterdir() if one.suffix.lower() in _STORAGES)
+
+
+def _of_storages(files: Sequence[Path], path: Path) -> CameraRig:
+    """Return the rig of several files in OpenCV's file storage."""
+    storages = {}
+    for file in files:
+        text = decode_text(read_whole(file, fix=_ANEW), file=file, fix=_ANEW)
+        storages[file.stem] = decode_opencv_storage(text, file=file)
+    tables = camera_tables(storages, file=path)
+    if not tables:
+        raise InputError("holds no cameras that are known here", file=path, fix=_KNOWN)
+    return _rig(tables, path)
 
 
 def encode_camera_rig(rig: CameraRig) -> str:
@@ -94,25 +136,33 @@ def decode_camera_rig(text: bytes | str, *, file: object = None) -> CameraRig:
         InputError: as `load_camera_rig`.
     """
     path = file
-    data = decode_toml(text, file=path, fix=_ANEW)
-    if "format" in data:
-        return _ours(data, path)
-    if tables := _tables_of_others(data):
+    whole = decode_text(text, file=path, fix=_ANEW)
+    if is_opencv_storage(whole):
+        tables = camera_tables({"cam": decode_opencv_storage(whole, file=path)}, file=path)
+    elif whole.lstrip().startswith("<"):
+        tables = qualisys_tables(decode_xml(whole, file=path, fix=_ANEW), file=path)
+    else:
+        data = decode_toml(whole, file=path, fix=_ANEW)
+        if "format" in data:
+            return _ours(data, path)
+        tables = _tables_of_others(data)
+    if tables:
         return _rig(tables, path)
-    raise InputError(
-        "holds no cameras that are known here",
-        file=path,
-        fix="use one of mocapella calibrate, Caliscope's camera_array.toml or config.toml, Pose2Sim's Calib_….toml",
-    )
+    raise InputError("holds no cameras that are known here", file=path, fix=_KNOWN)
 
 
 def is_camera_rig(text: bytes | str) -> bool:
     """Return whether a text is a camera rig in a format that `load_camera_rig` reads, complete or not.
 
-    It is False for a text that is no TOML; nothing is raised.
+    It is False for a text of another kind; nothing is raised.
     """
     try:
-        data = decode_toml(text)
+        whole = decode_text(text)
+        if is_opencv_storage(whole):
+            return bool(camera_tables({"cam": decode_opencv_storage(whole)}))
+        if whole.lstrip().startswith("<"):
+            return next(decode_xml(whole).iter("camera"), None) is not None
+        data = decode_toml(whole)
     except InputError:
         return False
     return data.get("format") == FORMAT or bool(_tables_of_others(data))
@@ -123,7 +173,20 @@ def _tables_of_others(data: Mapping[str, Any]) -> dict[str, Any]:
     tables = data.get("cameras")
     if isinstance(tables, dict) and tables:
         return {f"cam_{name}" if name.isdecimal() else name: table for name, table in tables.items()}
-    return {name: table for name, table in data.items() if isinstance(table, dict) and "matrix" in table}
+    found = {name: table for name, table in data.items() if isinstance(table, dict) and "matrix" in table}
+    own = {name: table.get("name") for name, table in found.items()}
+    usable = all(isinstance(one, str) and _is_name(one) for one in own.values())
+    if not usable or len(set(own.values())) < len(own):
+        return found
+    return {str(own[name]): table for name, table in found.items()}  # Anipose numbers its tables
+
+
+def _is_name(text: str) -> bool:
+    try:
+        check_sensor_name(text)
+    except SettingsError:
+        return False
+    return True
 
 
 def _ours(data: Mapping[str, Any], path: object) -> CameraRig:
@@ -178,7 +241,20 @@ def _rig(tables: Mapping[str, Any], path: object) -> CameraRig:
         cameras[name] = _foreign(name, table, path)
     if not cameras:
         raise InputError("all its cameras are ignored", file=path, fix="name a rig with a camera")
-    return CameraRig(cameras)
+    return CameraRig(_in_metres(cameras))
+
+
+def _in_metres(cameras: Mapping[str, PlacedCamera]) -> dict[str, PlacedCamera]:
+    """Return cameras whose translations are divided by 1000 if one is longer than any room in metres."""
+    longest = max(float(np.linalg.norm(one.T_camera_world[:3, 3])) for one in cameras.values())
+    if longest <= FARTHEST_M:
+        return dict(cameras)
+    made = {}
+    for name, one in cameras.items():
+        T = one.T_camera_world.copy()
+        T[:3, 3] /= 1000.0
+        made[name] = PlacedCamera(one.camera, T, one.covariance, one.clock_s)
+    return made
 
 
 def _foreign(name: str, table: Mapping[str, Any], path: object) -> PlacedCamera:

@@ -10,42 +10,36 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, decode_json, read_whole
+from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, read_whole
 from mocapella.errors import InputError
 from mocapella.model.point_tracks import ImageTracks
+from mocapella.model.topology import topology
+from mocapella.recording.detection_json import read_json_folder
+from mocapella.recording.detections import AUTO, image_tracks
 
 Float64 = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 OWN_COLUMNS: Final = ("frame", "camera", "point", "x_px", "y_px")
 CALISCOPE_COLUMNS: Final = ("sync_index", "port", "point_id", "img_loc_x", "img_loc_y")
-BODY_25: Final = (
-    "Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist", "MidHip", "RHip", "RKnee",
-    "RAnkle", "LHip", "LKnee", "LAnkle", "REye", "LEye", "REar", "LEar", "LBigToe", "LSmallToe", "LHeel", "RBigToe",
-    "RSmallToe", "RHeel",
-)  # fmt: skip
-BODY_25B: Final = (
-    "Nose", "LEye", "REye", "LEar", "REar", "LShoulder", "RShoulder", "LElbow", "RElbow", "LWrist", "RWrist", "LHip",
-    "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle", "Neck", "Head", "LBigToe", "LSmallToe", "LHeel", "RBigToe",
-    "RSmallToe", "RHeel",
-)  # fmt: skip
-OPENPOSE_ORDERS: Final = {"BODY_25B": BODY_25B, "BODY_25": BODY_25}
-"""Names of OpenPose's keypoints in order, by pose model. Both have 25, and a file does not name its model."""
+BODY_25: Final = topology("body_25").joints
+BODY_25B: Final = topology("body_25b").joints
 
 
 def read_image_tracks(
-    paths: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
+    paths: Sequence[Path], *, order: str = AUTO, progress: Progress = lambda _text: None
 ) -> ImageTracks:
     """Read 2D points from one folder of OpenPose JSON per camera, or from one CSV.
 
     Args:
         paths: the folders, or the one CSV file.
-        order: OpenPose's pose model, a key of `OPENPOSE_ORDERS`; unused for a CSV.
+        order: order of OpenPose's keypoints, a key of `mocapella.recording.detections.ORDERS` or `AUTO`; unused for a
+            CSV.
         progress: receives the name of each file before it is read.
 
     Returns:
@@ -75,7 +69,7 @@ def read_image_tracks(
 
 
 def read_openpose(
-    folders: Sequence[Path], *, order: str = "BODY_25B", progress: Progress = lambda _text: None
+    folders: Sequence[Path], *, order: str = AUTO, progress: Progress = lambda _text: None
 ) -> ImageTracks:
     """Read OpenPose JSON, a folder per camera and a file per frame.
 
@@ -84,44 +78,20 @@ def read_openpose(
 
     Args:
         folders: a folder for each camera; the camera gets its name.
-        order: OpenPose's pose model, a key of `OPENPOSE_ORDERS`.
+        order: order of the keypoints, a key of `mocapella.recording.detections.ORDERS` or `AUTO`.
         progress: receives the name of each file before it is read.
 
     Raises:
-        InputError: a folder has no JSON, or a file is not OpenPose's or has another number of points.
+        InputError: a folder has no JSON, or a file is not OpenPose's or has other points.
     """
-    names = OPENPOSE_ORDERS[order]
-    found: dict[int, dict[int, Float64]] = {}
-    several = 0
-    for k, folder in enumerate(folders):
-        files = sorted(folder.glob("*.json"))
-        if not files:
-            raise InputError(
-                "no JSON in this folder", file=folder, fix="name a folder that OpenPose wrote for one camera"
-            )
-        for path in files:
-            progress(f"{folder.name}/{path.name}")
-            number = _frame_of(path)
-            if k in found.setdefault(number, {}):
-                raise InputError(
-                    "two files of one frame", file=path, value=number, fix="give a camera a folder of its own"
-                )
-            people = [_keypoints(path, i, person, names) for i, person in enumerate(_people(path)) if person]
-            several += len(people) > 1
-            found[number][k] = max(people, key=lambda p: float(p[:, 2].sum()), default=np.zeros((len(names), 3)))
-    frames = np.array(sorted(found), dtype=np.int64)
-    table = np.zeros((len(frames), len(folders), len(names), 3))
-    for i, number in enumerate(frames):
-        for k, keypoints in found[int(number)].items():
-            table[i, k] = keypoints
-    notes = [f"{several} images have more than one person: the most confident of each was used"] if several else []
-    missing = len(frames) * len(folders) - sum(map(len, found.values()))
-    notes += [f"{missing} frames are missing in some camera"] if missing else []
-    seen = table[..., 2] > 0
-    return ImageTracks(
-        tuple(folder.name for folder in folders), names, frames, np.full(table.shape[:2], np.nan),
-        np.where(seen[..., None], table[..., :2], np.nan), table[..., 2], tuple(notes),
-    )  # fmt: skip
+    cameras = [read_json_folder(folder, order=order, progress=progress) for folder in folders]
+    kinds = {one.topology.name: one for one in cameras if one.topology is not None}
+    if len(kinds) > 1:
+        raise InputError(
+            f"the cameras have different keypoints: {', '.join(kinds)}", file=folders[0],
+            fix="write the files of all cameras with one model",
+        )  # fmt: skip
+    return image_tracks(cameras)
 
 
 def read_csv(path: Path) -> ImageTracks:
@@ -221,37 +191,3 @@ def _naturally(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts cam_2 before cam_10."""
     parts = [part.lstrip("0") if part.isdecimal() else part for part in re.split(r"(\d+)", name) if part]
     return [(0, len(part), part) if part.isdecimal() or not part else (1, 0, part) for part in parts]
-
-
-def _frame_of(path: Path) -> int:
-    numbers = re.findall(r"\d+", path.stem)
-    if not numbers:
-        raise InputError("no frame number in its name", file=path, fix="name it like NAME_000012_keypoints.json")
-    return int(numbers[-1])
-
-
-def _people(path: Path) -> list[Any]:
-    fix = "leave it out or write it again"
-    data = decode_json(read_whole(path, fix=fix), file=path, fix=fix)
-    people = data.get("people") if isinstance(data, dict) else None
-    if not isinstance(people, list):
-        raise InputError("no list of people", file=path, field="people", fix="give files of OpenPose's --write_json")
-    return people
-
-
-def _keypoints(path: Path, i: int, person: Any, names: Sequence[str]) -> Float64:
-    field = f"people[{i}].pose_keypoints_2d"
-    values = person.get("pose_keypoints_2d") if isinstance(person, dict) else None
-    if not isinstance(values, list) or len(values) != 3 * len(names):
-        count = len(values) if isinstance(values, list) else None
-        raise InputError(
-            "not x, y and confidence of 25 points", file=path, field=field, value=count,
-            fix=f"give files of the model {' or '.join(OPENPOSE_ORDERS)}",
-        )  # fmt: skip
-    try:
-        result = np.array(values, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError("not numbers", file=path, field=field, fix="write it again") from error
-    if not np.isfinite(result).all() or (result[:, 2] < 0).any():
-        raise InputError("not finite numbers, or a confidence below 0", file=path, field=field, fix="write it again")
-    return result
