@@ -38,8 +38,8 @@ def test_a_late_frame_does_not_turn_the_clock_back() -> None:
         (see("a", T, [ME, ME], 6, ids=[3, 3]), "two bodies have the same tracking id"),
         (
             Arrival(body_frame("b", topology("hand"), time_ns=1, positions=[]), 1),
-            "topology hand has no mapping to kinect_v2; send one of kinect_v2, arkit, azure_kinect, body_25, coco_17, "
-            "halpe_26, kinect_v1, mediapipe_pose, nite",
+            "topology hand has no mapping to kinect_v2; send one of kinect_v2, arkit, azure_kinect, body_25, body_25b, "
+            "coco_17, coco_18, coco_wholebody_133, halpe_136, halpe_26, kinect_v1, mediapipe_pose, nite",
         ),
     ],
 )

@@ -29,6 +29,9 @@ METHODS: Final = {
     "linear": "linear, weighted by confidence, of all cameras; no point where the mean error is large",
 }
 
+ALARM: Final = 1.0 / 3.0
+"""Share of unused detections from which a camera is named."""
+
 
 @dataclass(frozen=True)
 class TracksSettings:
@@ -85,11 +88,14 @@ class CameraPointsReport(msgspec.Struct, frozen=True):
         seen: number of confident detections (above ``least_confidence``) of points that were triangulated.
         rejected_share: fraction of these detections that were rejected as outliers, 0 to 1; 0 without any.
         residual_px: root mean square of the reprojection errors of the used ones; 0 without any [px].
+        unused_share: fraction of the confident detections of points that another camera saw, too, which were not used,
+            also because the point was not triangulated, 0 to 1; 0 without any.
     """
 
     seen: int
     rejected_share: float
     residual_px: float
+    unused_share: float = 0.0
 
 
 def triangulate_tracks(
@@ -134,13 +140,35 @@ def triangulate_tracks(
     return space, _report(found, confident, names)
 
 
+def alarms(report: TracksReport) -> list[str]:
+    """Return sentences about cameras whose detections are mostly rejected, with likely causes and remedies.
+
+    The residual does not show it: the detections that are used agree.
+    """
+    bad = {name: one.unused_share for name, one in report.cameras.items() if one.unused_share > ALARM}
+    if len(bad) * 2 > len(report.cameras):
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in bad.items())
+        return [
+            f"many detections are rejected ({shares}): compare the rig with the recording (its cameras, their names "
+            "and image size), the order of the points, and whether the cameras began together and show the same person"
+        ]
+    return [
+        f"camera {name}: {share:.0%} of its detections are rejected: it moved after the calibration, is another camera "
+        "of the rig, began at another time, shows another person, or is less accurate than sd_px; calibrate it again, "
+        "or check when it began"
+        for name, share in bad.items()
+    ]
+
+
 def _report(found: Triangulated, confident: NDArray[np.bool_], names: list[str]) -> TracksReport:
     good = found.states == PointState.SEEN
     cameras = {}
     for k, name in enumerate(names):
         seen, used = confident[..., k] & good, found.used[..., k]
         share = float(1.0 - used.sum() / seen.sum()) if seen.any() else 0.0
-        cameras[name] = CameraPointsReport(int(seen.sum()), share, _rms(found.residuals_px[..., k][used]))
+        shared = confident[..., k] & (confident.sum(axis=-1) >= 2)
+        unused = float(1.0 - (used & shared).sum() / shared.sum()) if shared.any() else 0.0
+        cameras[name] = CameraPointsReport(int(seen.sum()), share, _rms(found.residuals_px[..., k][used]), unused)
     counted = {state.name.lower(): int((found.states == state).sum()) for state in PointState}
     return TracksReport(len(good), good.shape[1], counted, _rms(found.residuals_px[found.used]), cameras)
 

@@ -22,9 +22,11 @@ from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.model.body_builds import built_mesh
 from mocapella.model.body_proportions import AVERAGE, BodyProportions, proportions_of
 from mocapella.model.camera import CameraRig
+from mocapella.model.observations import JointState
 from mocapella.model.openpose_names import LANDMARKS, NO_LANDMARKS
 from mocapella.model.point_tracks import ImageTracks, SpaceTracks
 from mocapella.model.rigged_mesh import RiggedMesh, landmarks_at
+from mocapella.model.trajectories import Trajectories
 from mocapella.model.twist_tree import TreePose
 from mocapella.settings import parse
 from mocapella.tracker.initial_body import InitialBody, LaterJoints, build_of
@@ -44,6 +46,14 @@ FAR_M: Final = 0.15
 """Largest median distance of the joints from the model; joints farther off do not fit a body of its size [m]."""
 APART_M: Final = 0.15
 """Least distance between the roots of two bodies at the start [m]."""
+SOON_S: Final = 0.5
+"""Time after the first frame up to which a person who appears is there from the start [s]."""
+RIG_FROM_Y_UP: Final = {
+    "y": np.eye(3),
+    "z": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "-y": np.diag([1.0, -1.0, -1.0]),
+}
+"""Rotation to a rig's world from one with y up, by the upward axis of the rig's world."""
 LATER_EVERY_S: Final = 0.1
 """Least time between two later frames whose joints are kept: a lost body is searched until it is found [s]."""
 _ERROR, _LEAST_ERROR_PX = 0.008, 4.0
@@ -74,6 +84,50 @@ class Body:
         """Return the body with an initial pose and joints at later instants, for a tracker; the mesh is shared."""
         build = build_of(self.model, self.height_m, self.proportions.known, sha256=self.sha256)
         return InitialBody(self.mesh, pose, build, later)
+
+
+@dataclass(frozen=True, eq=False)
+class PersonJoints:
+    """A person's joints, by the names of a body's landmarks, in the rig's world [m].
+
+    Attributes:
+        start: joints (3,) at the first frame; empty if the person comes later.
+        later: joints at later instants, one each `LATER_EVERY_S`.
+    """
+
+    start: dict[str, Float64]
+    later: list[LaterJoints]
+
+
+def people_joints(people: Trajectories, first_s: float, up: str = "y") -> dict[str, PersonJoints]:
+    """Return the joints of tracked people, to start their bodies, by name.
+
+    At the start, also joints that are only inferred count; later, measured ones alone.
+
+    Args:
+        people: people with the keypoints of `halpe_26`, in a world with y up.
+        first_s: time of the first frame that is tracked, on the keypoints' clock [s].
+        up: upward axis of the rig's world, in which the joints are returned: y, z or -y.
+    """
+    names = [_landmark(name) for name in people.keypoints]
+    turn = RIG_FROM_Y_UP[up]
+    found = {}
+    times = people.times_s - people.times_s[0]
+    for index, person in enumerate(people.individuals):
+        start: dict[str, Float64] = {}
+        later: list[LaterJoints] = []
+        for k in np.flatnonzero(people.present[:, index] & (times >= first_s - SOON_S)):
+            at_s = float(times[k]) - first_s
+            measured = people.states[k, index] == JointState.TRACKED
+            places = people.positions[k, index].astype(np.float64) @ turn.T
+            known = {n: places[j] for j, n in enumerate(names) if n and np.isfinite(places[j]).all()}
+            if at_s <= SOON_S and (not start or at_s <= 0):
+                start = known
+            if at_s > 0 and at_s >= (later[-1].at_s if later else 0.0) + LATER_EVERY_S - 1e-9:
+                sure = {n: known[n] for j, n in enumerate(names) if n in known and measured[j]}
+                later += [LaterJoints(at_s, sure)] if sure else []
+        found[person] = PersonJoints(start, later)
+    return found
 
 
 def joints_of_points(tracks: ImageTracks, rig: CameraRig, frame: int = 0) -> dict[str, Float64]:

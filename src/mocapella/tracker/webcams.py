@@ -1,0 +1,364 @@
+"""The method ``webcams``: track people in 3D with several calibrated cameras, from keypoints in their images.
+
+    instants = collect(frames)                 one frame of each camera
+    people   = predict(people)
+    matches  = assign(people, detections)      optimal in each camera
+    new      = group(other detections)         consistent over all cameras
+    people   = correct(people, rays)           a body model, each ray at its own time
+
+See docs/methods/webcams.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_of
+from mocapella.conventions import NS_PER_S
+from mocapella.errors import SettingsError, WireError, one_of
+from mocapella.geometry.lens import farthest_r2
+from mocapella.geometry.rigid import inverse
+from mocapella.kinematics.articulated_model import memory_size
+from mocapella.kinematics.ray_body import ray_model
+from mocapella.model.camera import CameraRig
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.memory import pack, recalls, set_memory, unpack
+from mocapella.model.observations import Arrival
+from mocapella.model.scene import Person, Phase, Scene, SensorPlace, TrackerState
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.model.topology import topology
+from mocapella.settings import check
+from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.instants import MEMORY as INSTANTS_MEMORY
+from mocapella.tracker.instants import CameraInstant, InstantFrame, Instants
+from mocapella.tracker.method import not_taken
+from mocapella.tracker.protocol import TrackerReport, scene_at
+from mocapella.tracker.webcams_conditions import place_of, problems, trouble
+from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
+from mocapella.tracker.webcams_identity import Identities, LostPerson, ready
+from mocapella.tracker.webcams_memory import CANDIDATE, no_counts, no_people
+from mocapella.tracker.webcams_settings import WebcamsSettings
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+APART_M: Final = 0.05
+"""Two cameras nearer than this see no distance [m]."""
+ALONE_S: Final = 0.25
+"""Time without agreement of two cameras after which a person's condition tells so [s]."""
+MOST_DETECTIONS: Final = 32
+"""Detections of one image that are used, those with most confidence first."""
+
+
+class WebcamsTracker:
+    """Tracker of the method ``webcams``: people, from the keypoints that calibrated cameras see.
+
+    Args:
+        rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
+        settings: settings of every stage; the defaults if None.
+        sensors_expected: number of cameras to wait for, limited to the number in the rig.
+
+    Attributes:
+        rig: the rig.
+
+    Raises:
+        SettingsError: the rig has fewer than two cameras, or all are at one place.
+    """
+
+    def __init__(self, rig: CameraRig, settings: WebcamsSettings | None = None, *, sensors_expected: int = 2) -> None:
+        self.settings = s = settings or WebcamsSettings()
+        self._wanted = sensors_expected
+        model = ray_model()
+        self._model, self._row = model.arrays, memory_size(model)
+        self._kernels = _kernels()
+        self._gates = s.association.gates
+        self._limits = self._kernels.PeopleLimits(
+            float(s.one_camera_s), float(s.unseen_s), int(s.doubtful_instants), float(s.same_within_m),
+            float(s.measured_sd_m), float(s.measured_s),
+        )  # fmt: skip
+        self._instants = Instants(s.silent_after_s, len(rig.cameras))
+        self._identities = Identities(s)
+        self._set_rig(rig)
+        self.reset()
+
+    def _set_rig(self, rig: CameraRig) -> None:
+        _check_rig(rig)
+        self.rig = rig
+        self._names = sorted(rig.cameras)
+        self._column = {name: i for i, name in enumerate(self._names)}
+        self._sensors_expected = min(max(self._wanted, 2), len(self._names))
+        placed = [rig.cameras[name] for name in self._names]
+        poses = [inverse(one.T_camera_world) for one in placed]
+        self._cameras = CameraArrays(
+            np.array([one.camera.lens for one in placed], dtype=np.float64),
+            np.array([min(farthest_r2(one.camera.lens), 1e9) for one in placed]),
+            np.array([T[:3, :3] for T in poses]),
+            np.array([T[:3, 3] for T in poses]),
+            np.array([one.camera.size_px for one in placed], dtype=np.float64),
+        )
+        self._places = tuple(place_of(one) for one in placed)
+
+    def use_rig(self, rig: CameraRig, reason: str) -> None:
+        """Replace the rig, such as by a newer calibration; people are found anew, with new numbers.
+
+        Args:
+            rig: the new rig.
+            reason: text for the user, see `recalibrate`.
+
+        Raises:
+            SettingsError: the rig has fewer than two cameras, or all are at one place.
+        """
+        self._set_rig(rig)
+        self.recalibrate(reason)
+
+    def reset(self) -> None:
+        """Forget everything, as if newly made."""
+        self._instants.reset()
+        self._identities.reset()
+        self._newest: dict[str, tuple[int, int]] = {}
+        self._rejected: Counter[str] = Counter()
+        self._steps = 0
+        self._forget_people()
+        self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
+
+    def _forget_people(self) -> None:
+        self._people = no_people(self._row)
+        self._counts = no_counts(len(self._names))
+        self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
+        self._partial = False
+        self._scene_of: tuple[int, tuple[Person, ...], tuple[SensorPlace, ...]] | None = None
+
+    def recalibrate(self, reason: str) -> None:
+        """Forget all people, and find them anew; the rig, the numbers given so far and the counts of `report` stay.
+
+        The tracker's state becomes `Phase.WAITING_FOR_SENSORS`, and has ``reason``, a text for the user, until enough
+        cameras send keypoints.
+        """
+        self._instants.reset()
+        self._identities.forget_people()
+        self._forget_people()
+        self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
+
+    def snapshot(self) -> bytes:
+        """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
+        own = {name: getattr(self, name) for name in _OWN_MEMORY}
+        people, counts = self._people._asdict(), self._counts._asdict()
+        return pack([own, people, counts, self._instants.memory(), self._identities.memory()], _REMEMBERED)
+
+    @recalls
+    def restore(self, data: bytes) -> None:
+        """Replace all state by that of a `snapshot` of a tracker made with the same arguments.
+
+        Raises:
+            WireError: the bytes are no snapshot of this method; the tracker is then reset.
+        """
+        own, people, counts, instants, identities = unpack(data, _REMEMBERED)
+        self._scene_of = None
+        self._people = _arrays_like(no_people(self._row), people)
+        self._counts = _arrays_like(no_counts(len(self._names)), counts)
+        set_memory(self, own, _OWN_MEMORY)
+        set_memory(self._instants, instants, INSTANTS_MEMORY)
+        set_memory(self._identities, identities, IDENTITY_MEMORY)
+
+    @property
+    def report(self) -> TrackerReport:
+        """Counts of all frames so far; calibrations and restarts are not counted and always 0."""
+        return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
+
+    def update(self, arrival: Arrival) -> Scene:
+        """Process a camera's keypoints, and return the scene: the people at the time of the arrival.
+
+        A frame that completes no instant gives people predicted to its time. A frame that cannot be used is counted in
+        `report` and changes nothing.
+        """
+        frame: Any = arrival.frame
+        if problem := self._problem(frame, arrival.at_ns):
+            self._rejected[problem] += 1
+        else:
+            self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+            done = self._instants.update(frame, arrival.at_ns)
+            for instant in done:
+                self._track(instant)
+            if done or self._state.phase != Phase.TRACKING:
+                self._state = self._new_state()
+                self._scene_of = None
+        if self._scene_of is None or self._scene_of[0] != arrival.at_ns:
+            people = self._shown(arrival.at_ns / NS_PER_S)
+            self._scene_of = (arrival.at_ns, people, problems(self._places, self._counts))
+        step, self._steps = self._steps, self._steps + 1
+        _, people, sensors = self._scene_of
+        halpe = topology("halpe_26")
+        return scene_at(arrival, step, self._state, {"people": people}, topology=halpe, sensors=sensors)
+
+    def _problem(self, frame: SensorFrame, at_ns: int) -> str:
+        """Return why a frame is rejected, with a remedy; empty if it is used."""
+        if not isinstance(frame, KeypointFrame):
+            return not_taken(frame, "webcams")
+        if problem := self._foreign(frame):
+            return problem
+        if problem := time_problem(frame, self._newest.get(frame.sensor)):
+            return problem
+        newest = self._instants.newest_ns
+        if newest is not None and newest - at_ns > self.settings.late_s * NS_PER_S:
+            return f"it is more than {self.settings.late_s:g} s older than other cameras' frames: check its clock"
+        return ""
+
+    def _foreign(self, frame: KeypointFrame) -> str:
+        """Return why a frame does not belong to the rig, or has keypoints that are not known; empty if it does."""
+        if frame.sensor not in self.rig.cameras:
+            return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
+        size = self.rig.cameras[frame.sensor].camera.size_px
+        if frame.size_px != size:
+            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
+            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
+        if _sources(frame.topology.name) is None:
+            return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
+        return ""
+
+    def _track(self, instant: CameraInstant) -> None:
+        """Track one instant, and give new people their numbers."""
+        s, people, at_s = self.settings, self._people, instant.at_ns / NS_PER_S
+        pixels, rays, delivered = self._rays(instant)
+        count = len(pixels)
+        matches = Matches(
+            np.full(count, -1, dtype=np.int64), np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64),
+            np.full(count, np.nan),
+        )  # fmt: skip
+        gone = np.zeros(len(people.ids), dtype=np.bool_)
+        agreed = np.zeros((len(people.ids), len(self._names)), dtype=np.bool_)
+        kernels = self._kernels
+        kernels.track_instant(
+            self._model, people, at_s, pixels, rays, self._cameras, float(s.association.joint_sd),
+            float(s.association.least_sd_px), self._gates, self._limits, matches, self._counts, delivered, agreed, gone,
+        )  # fmt: skip
+        for row in np.flatnonzero(gone).tolist():
+            if people.ids[row] >= 0:
+                self._identities.lose(people, row)
+            kernels.forget(people, row)
+        if (people.ids == CANDIDATE).any():
+            for row in ready(people, s, agreed, self._cameras.origins):
+                self._identities.confirm(people, row, at_s, agreed, kernels.forget)
+        self._at_s, self._partial = at_s, len(instant.frames) < len(self._instants.active())
+        if math.isnan(self._began_s):
+            self._began_s = at_s
+        if (people.ids >= 0).any():
+            self._shown_s = at_s
+
+    def _rays(self, instant: CameraInstant) -> tuple[Float64, Rays, Bools]:
+        """Return the keypoints of all detections of an instant, their cameras and times, and who delivered."""
+        count = sum(min(len(one.frame.ids), MOST_DETECTIONS) for one in instant.frames.values())
+        pixels = np.full((count, JOINTS, 2), np.nan)
+        rays = Rays(
+            np.zeros(count, dtype=np.int64), np.zeros(count), np.full((count, JOINTS, 3), np.nan),
+            np.full((count, JOINTS), np.nan), np.zeros((count, JOINTS)),
+        )  # fmt: skip
+        delivered = np.zeros(len(self._names), dtype=np.bool_)
+        least, first = self.settings.association.least_confidence, 0
+        for name, one in instant.frames.items():
+            frame, column = one.frame, self._column[name]
+            delivered[column] = True
+            chosen = _most_confident(frame)
+            last = first + len(chosen)
+            sources: Any = _sources(frame.topology.name)
+            sure = np.where(sources >= 0, frame.confidences[chosen][:, sources], 0.0)
+            rays.confidences[first:last] = np.where(sure >= least, sure, 0.0)
+            pixels[first:last] = frame.positions_px[chosen][:, sources]
+            rays.camera[first:last] = column
+            rays.after_s[first:last] = (one.at_ns - instant.at_ns) / NS_PER_S
+            readout_s = self.rig.cameras[name].camera.readout_s
+            if readout_s > 0.0:
+                rows = _middle_row(pixels[first:last], rays.confidences[first:last])
+                rays.after_s[first:last] += rows / frame.size_px[1] * readout_s
+            first = last
+        return pixels, rays, delivered
+
+    def _new_state(self) -> TrackerState:
+        missing = self._sensors_expected - len(self._instants.active())
+        if missing > 0:
+            return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
+        since_s = self._began_s if math.isnan(self._shown_s) else self._shown_s
+        return TrackerState(Phase.TRACKING, reason=trouble(self._counts, self._names, self._at_s - since_s))
+
+    def _shown(self, at_s: float) -> tuple[Person, ...]:
+        """Return the confirmed people at a time, in the order of their numbers."""
+        people = self._people
+        rows = np.flatnonzero(people.ids >= 0)
+        count = len(rows)
+        if not count:
+            return ()
+        rows = rows[np.argsort(people.ids[rows])]
+        positions, sds = np.empty((count, JOINTS, 3)), np.empty((count, JOINTS), dtype=np.float32)
+        states = np.empty((count, JOINTS), dtype=np.uint8)
+        ahead_s = at_s - self._at_s
+        if ahead_s > self.settings.unseen_s:
+            ahead_s = 0.0
+        self._kernels.show(
+            self._model, people, rows, self._at_s, ahead_s, self._limits, self._partial, positions, sds, states
+        )
+        numbers, views = people.ids[rows].tolist(), people.cameras[rows].tolist()
+        alone = (self._at_s - people.agreed_s[rows] > ALONE_S).tolist()
+        return tuple(
+            Person(number, positions[k], states[k], (), sds[k], "", _condition(views[k]) if alone[k] else "")
+            for k, number in enumerate(numbers)
+        )
+
+
+def _condition(views: int) -> str:
+    if views == 0:
+        return "no camera sees this person"
+    return "only one camera sees this person" if views == 1 else "the cameras do not agree about this person"
+
+
+def _check_rig(rig: CameraRig) -> None:
+    """Raise `SettingsError` for a rig with which no distance can be measured."""
+    fix = "a rig with two cameras at different places, by mocapella calibrate cameras"
+    check(len(rig.cameras) >= 2, "rig", sorted(rig.cameras), fix)
+    centres = np.array([inverse(one.T_camera_world)[:3, 3] for one in rig.cameras.values()])
+    if np.linalg.norm(centres[:, None] - centres[None], axis=-1).max() < APART_M:
+        raise SettingsError(f"rig has all cameras within {APART_M * 100:g} cm, which see no distance; it must be {fix}")
+
+
+def _most_confident(frame: KeypointFrame) -> Any:
+    """Return the indices of the detections that are used, in their order."""
+    if len(frame.ids) <= MOST_DETECTIONS:
+        return np.arange(len(frame.ids))
+    return np.sort(np.argsort(-frame.confidences.sum(axis=1), kind="stable")[:MOST_DETECTIONS])
+
+
+def _middle_row(pixels: Float64, confidences: Float64) -> Float64:
+    rows = np.where(confidences > 0.0, pixels[..., 1], 0.0).sum(axis=1)
+    middle: Float64 = rows / np.maximum((confidences > 0.0).sum(axis=1), 1)
+    return middle
+
+
+def _arrays_like(own: Any, given: Any) -> Any:
+    """Return arrays of a snapshot as the named tuple of ``own``; raise `WireError` if a type or shape differs."""
+    if set(given) != set(own._fields):
+        raise WireError("the arrays of people or cameras are not those of this method")
+    for name, array in own._asdict().items():
+        if given[name].dtype != array.dtype or given[name].shape != array.shape:
+            raise WireError(f"{name} has the shape {given[name].shape} and type {given[name].dtype}")
+    return type(own)(**given)
+
+
+@cache
+def _sources(name: str) -> Any:
+    return sources_of(topology(name))
+
+
+@cache
+def _kernels() -> Any:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.tracker import webcams_kernels
+
+    return webcams_kernels
+
+
+_OWN_MEMORY: Final = ("_newest", "_rejected", "_steps", "_began_s", "_shown_s", "_at_s", "_partial", "_state")
+_REMEMBERED: Final = (KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase)

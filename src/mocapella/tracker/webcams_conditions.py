@@ -1,0 +1,80 @@
+"""What the user of the method ``webcams`` must know: cameras that disagree, see nothing in common, or are too far."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import PlacedCamera
+from mocapella.model.scene import SensorPlace
+from mocapella.tracker.webcams_memory import CameraCounts
+
+PATIENCE_S: Final = 5.0
+"""Time without a person after which the reason is told [s]."""
+SEES_PEOPLE: Final = 0.5
+"""Mean number of detections from which a camera sees people."""
+SMALLEST_PX: Final = 16.0
+"""Size of people, the side of a square of their keypoints' area, below which they are too small [px]."""
+LEAST_AGREED: Final = 0.25
+"""Share of a camera's keypoints that agree with the others, below which the camera is reported."""
+LEAST_JUDGED: Final = 60.0
+"""Number of comparisons before a camera is reported."""
+
+_TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""From a sensor's space (x left, y up) to a camera's (x right, y down)."""
+
+
+def place_of(placed: PlacedCamera) -> SensorPlace:
+    """Return the pose of a rig's camera as a sensor's place; standard deviations are NaN if the rig does not tell."""
+    variances = np.diag(placed.covariance)
+    position_sd, rotation_sd = math.nan, math.nan
+    if np.isfinite(variances).all():
+        position_sd, rotation_sd = (math.sqrt(max(float(v.mean()), 0.0)) for v in (variances[:3], variances[3:]))
+    T = inverse(placed.T_camera_world) @ _TO_SENSOR
+    return SensorPlace(placed.camera.name, T, position_sd, rotation_sd, "as calibrated")
+
+
+def problems(places: tuple[SensorPlace, ...], counts: CameraCounts) -> tuple[SensorPlace, ...]:
+    """Return the places with the problems of the cameras.
+
+    Args:
+        places: poses of the cameras, in the order of their names.
+        counts: what the cameras saw, in the same order.
+    """
+    bad = (counts.judged >= LEAST_JUDGED) & (counts.agreed < LEAST_AGREED)
+    if not bad.any():
+        return places
+    text = "its keypoints do not agree with the other cameras: it was moved, or is wrongly calibrated; calibrate again"
+    return tuple(
+        msgspec.structs.replace(place, problem=text) if wrong else place
+        for place, wrong in zip(places, bad.tolist(), strict=True)
+    )
+
+
+def trouble(counts: CameraCounts, names: list[str], nobody_s: float) -> str:
+    """Return why nobody is tracked, with a remedy; empty if somebody is, or there is no reason for concern.
+
+    Args:
+        counts: what the cameras saw.
+        names: the cameras' names, in the order of ``counts``.
+        nobody_s: time since the last person was tracked, or since the first frame [s].
+    """
+    if not nobody_s > PATIENCE_S:
+        return ""
+    sees = np.flatnonzero(counts.detections >= SEES_PEOPLE).tolist()
+    if not sees:
+        return ""
+    if len(sees) == 1:
+        return f"only {names[sees[0]]} sees people: a second camera must see them, too; turn the cameras to one place"
+    heights = counts.height_px[sees]
+    if float(np.median(heights)) < SMALLEST_PX:
+        return f"people are too small in the images ({np.median(heights):.0f} pixels): move the cameras nearer"
+    seeing = ", ".join(names[i] for i in sees)
+    return (
+        f"{seeing} see people, but no two cameras agree about one: do they see the same place at the same time? If so, "
+        "the rig does not fit; calibrate again"
+    )

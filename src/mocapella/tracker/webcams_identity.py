@@ -1,0 +1,201 @@
+"""Numbers of people: confirm candidates, and recognise people who were lost, by their place and the bones' lengths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.tracker.webcams_memory import CANDIDATE, PeopleArrays
+from mocapella.tracker.webcams_settings import WebcamsSettings
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LENGTH_SD_M: Final = 0.025
+"""Standard deviation of a bone's length that a few instants measure [m]."""
+NEAR_M: Final = 0.7
+"""Distance within which a person who was lost a moment ago is found again [m]."""
+SPEED_M_S: Final = 2.0
+"""Speed of a person who is lost [m/s]."""
+FAST_M_S: Final = 6.0
+"""Largest speed of a person who returns [m/s]."""
+SOON_S: Final = 3.0
+"""Time in which a lost person is recognised by the place [s]."""
+
+
+LEAST_SINE: Final = 0.6
+"""Sine of the angle at which rays cross well."""
+LEAST_JOINTS: Final = 6
+"""Number of joints about which a third camera must agree to confirm a candidate."""
+MOST_REFUTED: Final = 0.6
+"""Number of cameras that look at a candidate and see nobody, relative to those that see one, from which it waits."""
+
+
+class LostPerson(msgspec.Struct, frozen=True, eq=False):
+    """A person who was lost.
+
+    Attributes:
+        id: number of the person.
+        at_s: last time that two cameras agreed about the person [s].
+        place: (3,) mean of the joints at that time, world [m].
+        lengths: (bones,) lengths of the bones [m]; NaN where not measured.
+    """
+
+    id: int
+    at_s: float
+    place: Float64
+    lengths: Float64
+
+
+class Identities:
+    """Numbers of people, and the memory of lost people.
+
+    Args:
+        settings: how long lost people are remembered, and how alike they must be.
+    """
+
+    def __init__(self, settings: WebcamsSettings) -> None:
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all people; the numbers restart at 0."""
+        self._next = 0
+        self._lost: list[LostPerson] = []
+
+    def forget_people(self) -> None:
+        """Forget lost people; numbers that were given are not given again."""
+        self._lost = []
+
+    def memory(self) -> dict[str, Any]:
+        """Return all state, for a tracker's snapshot; its mutable values are shared, not copied."""
+        return {name: getattr(self, name) for name in MEMORY}
+
+    def lose(self, people: PeopleArrays, row: int) -> None:
+        """Remember a confirmed person whose row is to be freed.
+
+        Args:
+            people: the people.
+            row: row of the person.
+        """
+        place = people.agreed_place[row].copy()
+        lengths = people.lengths[row].copy()
+        self._lost.append(LostPerson(int(people.ids[row]), float(people.agreed_s[row]), place, lengths))
+
+    def confirm(
+        self, people: PeopleArrays, row: int, at_s: float, agreed: Bools, forget: Callable[[PeopleArrays, int], None]
+    ) -> None:
+        """Give a candidate a number: that of a person whom it replaces or who returns, or a new one.
+
+        Args:
+            people: the people, changed in place.
+            row: row of the candidate.
+            at_s: time of the instant [s].
+            agreed: (people, cameras) whether a camera agrees about a person in this instant.
+            forget: function that frees a row.
+        """
+        known = self._replaced(people, row, at_s, agreed)
+        if known >= 0:
+            people.ids[row] = people.ids[known]
+            people.lengths[row], people.lengths_seen[row] = people.lengths[known], people.lengths_seen[known]
+            forget(people, known)
+            return
+        self._lost = [one for one in self._lost if at_s - one.at_s <= self._settings.remember_s]
+        found = self._returned(people, row, at_s)
+        if found is not None:
+            self._lost.remove(found)
+            people.ids[row] = found.id
+        else:
+            people.ids[row] = self._next
+            self._next += 1
+
+    def _replaced(self, people: PeopleArrays, row: int, at_s: float, agreed: Bools) -> int:
+        """Return the row of a person who is hardly seen any more, and whom the candidate is; −1 for none."""
+        best, found = math.inf, -1
+        for other in np.flatnonzero((people.ids >= 0) & (people.cameras < 2)).tolist():
+            if (agreed[row] & agreed[other]).any():  # one camera sees both
+                continue
+            place = _place(people, row)
+            now, then = _place(people, other), people.agreed_place[other]
+            away = float(np.fmin(np.linalg.norm(place - now), np.linalg.norm(place - then)))
+            reach = NEAR_M + SPEED_M_S * min(at_s - float(people.agreed_s[other]), SOON_S)
+            alike = _difference(people.lengths[row], people.lengths[other]) <= 4.0 * self._settings.same_size
+            if alike and away <= reach and away < best:
+                best, found = away, other
+        return found
+
+    def _returned(self, people: PeopleArrays, row: int, at_s: float) -> LostPerson | None:
+        """Return the lost person whom a candidate is; None if none is, or it is not certain."""
+        place, scored = _place(people, row), []
+        for one in self._lost:
+            away_s = at_s - one.at_s
+            away = float(np.linalg.norm(place - one.place))
+            difference = _difference(people.lengths[row], one.lengths)
+            if away > NEAR_M + FAST_M_S * away_s:
+                continue
+            near = away_s <= SOON_S and away <= NEAR_M + SPEED_M_S * away_s
+            if near and difference <= 4.0 * self._settings.same_size:
+                difference *= 0.25
+            scored.append((difference, away, one.id, one))
+        scored.sort(key=lambda item: item[:3])
+        if not scored or scored[0][0] > self._settings.same_size:
+            return None
+        if len(scored) > 1 and 2.0 * scored[0][0] > scored[1][0]:
+            close = [item for item in scored if item[1] <= NEAR_M and at_s - item[3].at_s <= SOON_S]
+            return close[0][3] if len(close) == 1 else None
+        return scored[0][3]
+
+
+MEMORY: Final = ("_next", "_lost")
+"""Attributes of `Identities` that are its state."""
+
+
+def ready(people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origins: Float64) -> list[int]:
+    """Return the rows of candidates to confirm, in the order of their rows.
+
+    Of a rig of three cameras or more, two confirm a candidate only if their rays cross at a large angle. Else they may
+    see two strangers on one line, or somebody far behind the place that the cameras surround. A candidate also waits
+    where nearly as many cameras look at its place and see nobody.
+
+    Args:
+        people: the people.
+        settings: number of instants or cameras that must agree.
+        agreed: (people, cameras) whether a camera agrees about a person in this instant.
+        origins: (cameras, 3) centres of the cameras, world [m].
+    """
+    found = []
+    for row in np.flatnonzero((people.ids == CANDIDATE) & (people.doubts == 0)).tolist():
+        views, hits = int(agreed[row].sum()), int(people.hits[row])
+        sure, third = (int((people.support[row] >= count).sum()) for count in (settings.sure_cameras, 3))
+        narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]])
+        doubtful = float(people.refuted[row]) >= MOST_REFUTED * views
+        if doubtful or (narrow and third < LEAST_JOINTS):
+            continue
+        if hits >= settings.confirm_instants or (sure >= LEAST_JOINTS and hits >= 1):
+            found.append(row)
+    return found
+
+
+def _crossing(place: Float64, origins: Float64) -> bool:
+    """Return whether rays from origins (n, 3) cross at a place (3,) at a large angle."""
+    rays = place - origins
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    sines = np.linalg.norm(np.cross(rays[:, None], rays[None]), axis=2)
+    return bool(sines.max(initial=0.0) >= LEAST_SINE)
+
+
+def _place(people: PeopleArrays, row: int) -> Float64:
+    known = np.isfinite(people.positions[row, :, 0])
+    return people.positions[row][known].mean(axis=0) if known.any() else np.full(3, np.nan)
+
+
+def _difference(one: Float64, other: Float64) -> float:
+    """Return the mean squared difference of two people's lengths, in variances; 1 if they share too few."""
+    squared = np.clip((one - other) / LENGTH_SD_M, -5.0, 5.0) ** 2
+    both = np.isfinite(squared)
+    return float(squared[both].mean()) if 3 * both.sum() >= len(squared) else 1.0

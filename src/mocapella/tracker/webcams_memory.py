@@ -1,0 +1,120 @@
+"""Memory of the method ``webcams``: arrays with a row for each person, which its compiled step changes in place."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.keypoint_rays import BONES, JOINTS
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+UInt8 = NDArray[np.uint8]
+
+MOST_PEOPLE: Final = 32
+"""Number of rows, for people and for candidates that are not shown yet."""
+NO_PERSON: Final = -1
+"""Value of ``ids`` in a row that is not used."""
+CANDIDATE: Final = -2
+"""Value of ``ids`` in a row of a person who is not confirmed yet."""
+
+
+class PeopleArrays(NamedTuple):
+    """People, a row each.
+
+    Attributes:
+        rows: (people, row) memory of the body, see `mocapella.kinematics.ray_body`.
+        ids: (people,) id of the person, `CANDIDATE` or `NO_PERSON`.
+        at_s: (people,) time of ``positions`` [s].
+        born_s: (people,) time of the first instant [s].
+        seen_s: (people,) last time that a camera saw the person [s].
+        agreed_s: (people,) last time that two cameras agreed about the person [s].
+        agreed_place: (people, 3) mean of the joints at that time, world [m].
+        hits: (people,) number of instants in which two cameras agreed.
+        doubts: (people,) number of instants in succession in which two cameras saw the person and did not agree.
+        turned: (people,) running mean of the share of the person's detections that are used with left and right
+            swapped.
+        refuted: (people,) running mean of the number of cameras that look at the person, unhidden, and see nobody.
+        cameras: (people,) number of cameras that saw the person in the last instant.
+        positions: (people, 26, 3) world [m]; NaN where not known.
+        covariances: (people, 26, 3, 3) [m²].
+        velocities: (people, 26, 3) [m/s].
+        support: (people, 26) number of cameras that agree about the joint.
+        measured_s: (people, 26) last time that two cameras agreed about the joint [s].
+        lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
+        lengths_seen: (people, bones) number of their measurements.
+    """
+
+    rows: Float64
+    ids: Int64
+    at_s: Float64
+    born_s: Float64
+    seen_s: Float64
+    agreed_s: Float64
+    agreed_place: Float64
+    hits: Int64
+    doubts: Int64
+    turned: Float64
+    refuted: Float64
+    cameras: Int64
+    positions: Float64
+    covariances: Float64
+    velocities: Float64
+    support: UInt8
+    measured_s: Float64
+    lengths: Float64
+    lengths_seen: Float64
+
+
+class CameraCounts(NamedTuple):
+    """What the cameras saw; all arrays (cameras,).
+
+    Attributes:
+        detections: running mean of the number of people seen in an image.
+        height_px: running mean of their size [px]; NaN before the first.
+        agreed: running mean of the share of a person's detections that agree with the other cameras; NaN at first.
+        judged: number of instants that ``agreed`` is the mean of.
+    """
+
+    detections: Float64
+    height_px: Float64
+    agreed: Float64
+    judged: Float64
+
+
+def no_people(row: int) -> PeopleArrays:
+    """Return the memory without people; ``row`` is the number of values of a body's memory."""
+    n, bones = MOST_PEOPLE, len(BONES)
+
+    def unknown(*shape: int) -> Float64:
+        return np.full((n, *shape), np.nan)
+
+    return PeopleArrays(
+        rows=unknown(row),
+        ids=np.full(n, NO_PERSON, dtype=np.int64),
+        at_s=unknown(),
+        born_s=unknown(),
+        seen_s=unknown(),
+        agreed_s=unknown(),
+        agreed_place=unknown(3),
+        hits=np.zeros(n, dtype=np.int64),
+        doubts=np.zeros(n, dtype=np.int64),
+        turned=np.zeros(n),
+        refuted=unknown(),
+        cameras=np.zeros(n, dtype=np.int64),
+        positions=unknown(JOINTS, 3),
+        covariances=unknown(JOINTS, 3, 3),
+        velocities=np.zeros((n, JOINTS, 3)),
+        support=np.zeros((n, JOINTS), dtype=np.uint8),
+        measured_s=unknown(JOINTS),
+        lengths=unknown(bones),
+        lengths_seen=np.zeros((n, bones)),
+    )
+
+
+def no_counts(cameras: int) -> CameraCounts:
+    """Return the counts before the first image, of a number of cameras."""
+    return CameraCounts(np.zeros(cameras), np.full(cameras, np.nan), np.full(cameras, np.nan), np.zeros(cameras))

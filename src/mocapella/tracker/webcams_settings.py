@@ -1,0 +1,71 @@
+"""Settings of the method ``webcams``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mocapella.association.keypoint_rays import KeypointAssociationSettings
+from mocapella.settings import check
+
+
+@dataclass(frozen=True)
+class WebcamsSettings:
+    """Settings of every stage of the method ``webcams``.
+
+    Attributes:
+        association: assignment of detections to people, and new people.
+        confirm_instants: number of instants in which two cameras must agree before a person is shown; larger: fewer
+            phantoms, and people are shown later [count].
+        sure_cameras: number of cameras whose agreement shows a person at once; larger: fewer phantoms, and people are
+            shown later [count].
+        unseen_s: a person whom no camera sees is lost after this time; larger: bridges longer occlusions, and people
+            who leave stay longer [s].
+        one_camera_s: a person whom only one camera sees is lost after this time; larger: bridges longer occlusions,
+            with a less certain distance [s].
+        remember_s: a lost person who returns within this time gets the same number; larger: people return later, and
+            may be confused more often [s].
+        same_size: limit of the mean squared difference of the bones' lengths for a person who returns; larger: more
+            are recognised, also wrongly [squared standard deviations].
+        doubtful_instants: a person about whom two cameras disagree for more instants in succession is no person;
+            larger: phantoms stay longer [count].
+        same_within_m: two tracks nearer than this are one person; larger: close people may be merged [m].
+        measured_sd_m: a joint with a larger standard deviation is inferred, not measured; larger: less certain joints
+            are shown as measured [m].
+        measured_s: a joint that two cameras saw within this time, and one sees now, is measured; larger: cameras of
+            low or different rates measure more joints [s].
+        late_s: a frame that is older than the newest by more than this is not used; larger: slower cameras are used,
+            with larger errors of moving people [s].
+        silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
+            the others longer [s].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
+
+    association: KeypointAssociationSettings = field(default_factory=KeypointAssociationSettings)
+    confirm_instants: int = 3
+    sure_cameras: int = 3
+    unseen_s: float = 0.7
+    one_camera_s: float = 3.0
+    remember_s: float = 300.0
+    same_size: float = 1.5
+    doubtful_instants: int = 15
+    same_within_m: float = 0.12
+    measured_sd_m: float = 0.04
+    measured_s: float = 0.1
+    late_s: float = 0.2
+    silent_after_s: float = 0.3
+
+    def __post_init__(self) -> None:
+        check(1 <= self.confirm_instants <= 1000, "confirm_instants", self.confirm_instants, "from 1 to 1000")
+        check(2 <= self.sure_cameras <= 1000, "sure_cameras", self.sure_cameras, "from 2 to 1000")
+        check(0 < self.unseen_s <= 60, "unseen_s", self.unseen_s, "above 0 and at most 60 s")
+        check(0 < self.one_camera_s <= 600, "one_camera_s", self.one_camera_s, "above 0 and at most 600 s")
+        check(0 <= self.remember_s <= 86400, "remember_s", self.remember_s, "from 0 to 86400 s")
+        check(0 <= self.same_size <= 100, "same_size", self.same_size, "from 0 to 100")
+        check(1 <= self.doubtful_instants <= 1000, "doubtful_instants", self.doubtful_instants, "from 1 to 1000")
+        check(0 <= self.same_within_m <= 1, "same_within_m", self.same_within_m, "from 0 to 1 m")
+        check(0 < self.measured_sd_m <= 1, "measured_sd_m", self.measured_sd_m, "above 0 and at most 1 m")
+        check(0 <= self.measured_s <= 10, "measured_s", self.measured_s, "from 0 to 10 s")
+        check(0 < self.late_s <= 10, "late_s", self.late_s, "above 0 and at most 10 s")
+        check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")

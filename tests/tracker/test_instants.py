@@ -1,0 +1,85 @@
+"""Frames of free-running cameras become instants: each frame once, one a camera, and nobody waits for who is silent."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocapella.model.keypoints import KeypointFrame, keypoint_frame
+from mocapella.model.topology import topology
+from mocapella.tracker.instants import CameraInstant, Instants
+
+MS = 1_000_000
+
+
+def frame(name: str, at_ms: float) -> KeypointFrame:
+    return keypoint_frame(name, topology("halpe_26"), time_ns=round(at_ms * MS), size_px=(640, 480), positions_px=[])
+
+
+def collected(events: list[tuple[str, float]], cameras: int = 0) -> list[list[CameraInstant]]:
+    """The instants that each event (camera, capture time [ms]) completes."""
+    instants = Instants(0.3, cameras)
+    return [instants.update(frame(name, at_ms), round(at_ms * MS)) for name, at_ms in events]
+
+
+def names(instants: list[list[CameraInstant]]) -> list[str]:
+    return ["".join(one.frames) for some in instants for one in some]
+
+
+def test_synchronised_cameras_complete_an_instant_with_the_last_frame() -> None:
+    events = [(name, 33.0 * k) for k in range(1, 6) for name in "abc"]
+    found = collected(events, cameras=3)
+    assert names(found) == ["abc"] * 5
+    assert [bool(some) for some in found] == [False, False, True] * 5
+    assert [one.at_ns for some in found for one in some] == [round(33.0 * k * MS) for k in range(1, 6)]
+
+
+def test_a_camera_that_stops_delays_the_others_by_one_frame_and_then_not_at_all() -> None:
+    events = [(name, 33.0 * k) for k in range(1, 5) for name in "abc"]
+    events += [(name, 33.0 * k) for k in range(5, 30) for name in "ab"]
+    found = collected(events, cameras=3)
+    assert names(found[:12]) == ["abc"] * 4
+    assert set(names(found[12:])) == {"ab"}
+    assert [bool(some) for some in found[-8:]] == [False, True] * 4
+    waited = [k for k in range(12, len(events)) if found[k] and events[k][0] == "a"]
+    assert max(waited) < 12 + 2 * 10  # 0.3 s
+
+
+def test_a_late_frame_joins_the_next_instant() -> None:
+    events = [("a", 33), ("b", 33), ("a", 66), ("b", 66), ("a", 99), ("a", 132), ("b", 99), ("b", 132), ("a", 165)]
+    instants = [one for some in collected([(name, float(at)) for name, at in events], 2) for one in some]
+    late = next(one for one in instants if one.at_ns == 132 * MS)
+    assert late.frames["b"].at_ns == 99 * MS
+    assert late.frames["a"].at_ns == 132 * MS
+
+
+def test_a_slow_camera_is_waited_for_only_when_it_is_due() -> None:
+    fast = [("a", 20.0 * k) for k in range(1, 60)]
+    slow = [("b", 100.0 * k + 5.0) for k in range(1, 12)]
+    events = sorted(fast + slow, key=lambda event: event[1])
+    found = collected(events)
+    at_once = [bool(some) for some, (name, _) in list(zip(found, events, strict=True))[20:] if name == "a"]
+    assert sum(at_once) >= 0.7 * len(at_once)
+
+
+@given(
+    periods=st.lists(st.floats(8, 120), min_size=1, max_size=5),
+    phases=st.lists(st.floats(0, 100), min_size=5, max_size=5),
+    lags=st.lists(st.floats(0, 150), min_size=5, max_size=5),
+)
+def test_each_frame_is_in_one_instant_and_instants_go_forward(
+    periods: list[float], phases: list[float], lags: list[float]
+) -> None:
+    events = []
+    for i, period in enumerate(periods):
+        events += [(phases[i] + k * period + lags[i], "abcde"[i], phases[i] + k * period) for k in range(1, 20)]
+    arrivals = [(name, at_ms) for _, name, at_ms in sorted(events)]
+    instants = Instants(0.3, len(periods))
+    done = [one for name, at_ms in arrivals for one in instants.update(frame(name, at_ms), round(at_ms * MS))]
+    used = [(name, one.at_ns) for instant in done for name, one in instant.frames.items()]
+    assert len(used) == len(set(used))
+    assert len(arrivals) - len(used) <= len(periods)  # the last instant is open
+    times = [one.at_ns for one in done]
+    assert times == sorted(times)
+    assert all(one.at_ns >= max(frame.at_ns for frame in one.frames.values()) for one in done)
+    assert all(list(one.frames) == sorted(one.frames) for one in done)
