@@ -53,6 +53,20 @@ def test_where_w_is_positive_it_is_the_arc_tangent_of_d_over_w(w: float, d: floa
     assert shoulder_angle([1.0, 2.0, 3.0], [1 + w, 2.0, 3 + d]) == pytest.approx(np.arctan(d / w))
 
 
+def test_inferred_joints_count_in_the_centre_if_it_is_of_all_seen_ones() -> None:
+    positions = np.array([[[0, 0, 2], [2, 4, 4], [4, 8, 9]], [[4, 0, 5], [8, 8, 8], [7, 7, 7]]], dtype=float)
+    states = np.array([[2, 2, 1], [1, 0, 1]], dtype=np.uint8)
+    # Frame 1: the mean of all three; frame 2 has no tracked joint and does not count.
+    np.testing.assert_allclose(body_centre(positions, states, inferred=True), [2, 4, 5])
+    np.testing.assert_allclose(body_centre(positions, states), [1, 2, 3])
+
+
+@given(arrays(np.float64, (3, 5, 3), elements=coordinates))
+def test_both_centres_are_one_if_nothing_is_inferred(positions: np.ndarray) -> None:
+    states = np.full((3, 5), 2, dtype=np.uint8)
+    np.testing.assert_array_equal(body_centre(positions, states, inferred=True), body_centre(positions, states))
+
+
 def test_the_centre_by_hand_counts_tracked_joints_only_and_every_frame_alike() -> None:
     positions = np.array([[[0, 0, 2], [2, 4, 4], [9, 9, 9]], [[4, 0, 5], [8, 8, 8], [7, 7, 7]]], dtype=float)
     states = np.array([[2, 2, 1], [2, 0, 1]], dtype=np.uint8)

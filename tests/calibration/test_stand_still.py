@@ -230,7 +230,8 @@ def test_the_angle_is_the_circular_mean_or_that_of_the_latest_frame_with_shoulde
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"frames": 0}, {"still_within_m": -0.1}, {"compare_with": "next"}, {"angle_from": "median"}]
+    "wrong",
+    [{"frames": 0}, {"still_within_m": -0.1}, {"compare_with": "next"}, {"angle_from": "median"}, {"centre_of": "all"}],
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):

@@ -12,7 +12,7 @@ import pytest
 
 from mocapella.geometry.homography import homography
 from mocapella.model.board import Board
-from mocapella.sensing import boards
+from mocapella.sensing import boards, chessboards
 from mocapella.sensing.boards import FEW_MARKERS, BoardDetector, board_png, draw_board, edge_width, why_not_found
 
 CHARUCO = Board("charuco", 5, 4, 0.05, dictionary="DICT_4X4_50")
@@ -89,14 +89,14 @@ def test_the_first_square_of_a_chessboard_is_black_also_when_it_is_turned() -> N
 def test_the_end_at_which_opencv_begins_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     board = Board("chessboard", 6, 5, 0.05)
     image, at = picture(board)
-    search = boards._largest_chessboard
+    search = chessboards._largest
 
     def from_the_other_end(gray: np.ndarray, least: tuple[int, int]) -> tuple[bool, np.ndarray, tuple[int, int]]:
         found, corners, counts = search(gray, least)
         return found, corners[::-1], counts
 
     for told in (search, from_the_other_end):
-        monkeypatch.setattr(boards, "_largest_chessboard", told)
+        monkeypatch.setattr(chessboards, "_largest", told)
         view = BoardDetector(board).update(image, "a", 0)
         assert view is not None
         assert np.abs(view.corners_px - at).max() < 0.3

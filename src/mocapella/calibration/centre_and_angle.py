@@ -16,19 +16,23 @@ from mocapella.model.observations import JointState
 Float64 = NDArray[np.float64]
 
 
-def body_centre(positions: Float64, states: NDArray[np.uint8]) -> Float64:
+def body_centre(positions: Float64, states: NDArray[np.uint8], *, inferred: bool = False) -> Float64:
     """Return the centre C of a body over some frames: the mean over frames of the mean of the tracked joints.
 
     Args:
         positions: (..., frames, joints, 3) [m].
         states: (..., frames, joints) `JointState`.
+        inferred: whether inferred joints count, too, in frames with a tracked one.
 
     Returns:
         (..., 3) [m]; frames without a tracked joint do not count; NaN if no frame counts.
     """
     tracked = states == JointState.TRACKED
-    counts = tracked.sum(axis=-1)
-    sums = np.where(tracked[..., None], positions, 0.0).sum(axis=-2)
+    counted = tracked
+    if inferred:
+        counted = tracked.any(axis=-1, keepdims=True) & (states != JointState.NOT_TRACKED)
+    counts = counted.sum(axis=-1)
+    sums = np.where(counted[..., None], positions, 0.0).sum(axis=-2)
     centres = sums / np.maximum(counts, 1)[..., None]
     frames = (counts > 0).sum(axis=-1)[..., None]
     total = centres.sum(axis=-2)

@@ -41,6 +41,8 @@ class StandStillSettings:
             ones (its program).
         angle_from: the shoulder angle is the circular ``mean`` over the frames, or that of the ``latest`` frame (its
             program).
+        centre_of: the centre is the mean of the ``tracked`` joints, or of all ``seen`` ones, also the inferred. A
+            sensor beside a person infers the far arm and leg, so that its tracked centre differs from another sensor's.
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -50,12 +52,14 @@ class StandStillSettings:
     still_within_m: float = 0.10
     compare_with: Literal["previous", "first"] = "previous"
     angle_from: Literal["mean", "latest"] = "mean"
+    centre_of: Literal["tracked", "seen"] = "tracked"
 
     def __post_init__(self) -> None:
         check(1 <= self.frames <= 100_000, "frames", self.frames, "from 1 to 100000")
         check(self.still_within_m > 0, "still_within_m", self.still_within_m, "greater than 0 m")
         check(self.compare_with in ("previous", "first"), "compare_with", self.compare_with, "previous or first")
         check(self.angle_from in ("mean", "latest"), "angle_from", self.angle_from, "mean or latest")
+        check(self.centre_of in ("tracked", "seen"), "centre_of", self.centre_of, "tracked or seen")
 
 
 class Calibration(msgspec.Struct, frozen=True, eq=False):
@@ -176,7 +180,7 @@ class StandStill:
         unplaced: list[BodyKey] = []
         for window in self._windows.values():
             latest = window[-1]
-            centres, angles = standing(window, self.settings.angle_from)
+            centres, angles = standing(window, self.settings.angle_from, self.settings.centre_of)
             for body, centre, angle in zip(latest.ids, centres, angles, strict=True):
                 if np.isfinite([*centre, angle]).all():
                     found[latest.sensor, body] = world_from_sensor(centre, angle)
@@ -250,7 +254,11 @@ def movement(before: Bodies, now: Bodies, still_within_m: float) -> str:
     return ""
 
 
-def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) -> tuple[Float64, Float64]:
+def standing(
+    window: Collection[Bodies],
+    angle_from: Literal["mean", "latest"],
+    centre_of: Literal["tracked", "seen"] = "tracked",
+) -> tuple[Float64, Float64]:
     """Return centres C (bodies, 3) [m] and shoulder angles θ (bodies,) [rad] over frames of the same bodies.
 
     A frame without even an inferred shoulder has no angle and does not count; NaN if no frame has one, or if no
@@ -259,6 +267,7 @@ def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) 
     Args:
         window: the frames.
         angle_from: whether θ is the circular mean over the frames, or that of the latest frame.
+        centre_of: whether the centre is of the tracked joints, or of all seen ones.
     """
     parts = next(iter(window)).topology.parts
     positions = np.stack([bodies.positions for bodies in window], axis=1)
@@ -268,4 +277,4 @@ def standing(window: Collection[Bodies], angle_from: Literal["mean", "latest"]) 
     if angle_from == "latest":
         counted = [row[-1:] for row in counted]
     mean = [float(circular_mean(row)) if len(row) else np.nan for row in counted]
-    return body_centre(positions, states), np.array(mean)
+    return body_centre(positions, states, inferred=centre_of == "seen"), np.array(mean)

@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.homography import homography
 from mocapella.model.board import DICTIONARIES, Board, BoardView
+from mocapella.sensing.chessboards import chessboard_corners, chessboard_size
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 FEW_MARKERS: Final = 4
 """Least number of markers that shows that a board of a dictionary is in an image; fewer are detected by chance."""
+
+MOST_SEARCHED: Final = 6
+"""Largest number of images that are searched for a chessboard of another size, which takes seconds each."""
 
 
 @dataclass
@@ -166,26 +170,13 @@ def _charuco_detector(board: Board) -> Any:
 
 
 def _corners_of_chessboard(gray: UInt8, board: Board) -> tuple[NDArray[np.int64], Float64] | None:
-    """Return sub-pixel corners (Duda and Frese 2018); the first square is black if colours determine the order."""
-    shape = (board.columns - 1, board.rows - 1)
-    found, corners, larger = _largest_chessboard(gray, shape)
-    if not found or set(larger) != set(shape):
-        return None  # part of a larger board, whose corners have other positions
-    if larger != shape:
-        found, corners = cv2.findChessboardCornersSB(gray, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if not found:
-            return None
-    corners = corners.reshape(-1, 2).astype(np.float64)
+    """Return sub-pixel corners; the first square is black if colours determine the order."""
+    corners = chessboard_corners(gray, (board.columns - 1, board.rows - 1))
+    if corners is None:
+        return None
     if not board.turnable and _first_square_is_light(gray, corners, board):
         corners = corners[::-1].copy()
     return np.arange(board.corners), corners
-
-
-def _largest_chessboard(gray: UInt8, least: tuple[int, int]) -> tuple[bool, Any, tuple[int, int]]:
-    """Detect a chessboard with at least so many inner corners a row and column; return its corners and their counts."""
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-    found, corners, squares = cv2.findChessboardCornersSBWithMeta(gray, least, flags)
-    return found, corners, (squares.shape[1], squares.shape[0]) if found else (0, 0)
 
 
 def _first_square_is_light(gray: UInt8, corners: Float64, board: Board) -> bool:
@@ -247,6 +238,8 @@ def why_not_found(images: Sequence[UInt8], board: Board) -> str:
         does.
     """
     wanted = _describe(board)
+    if board.kind == "chessboard" and (other := _other_chessboard(images, board)):
+        return f"found no corner of {wanted}; {other}"
     for image in images:
         for inverted in (board.inverted, not board.inverted):
             gray = _gray(image, inverted)
@@ -259,7 +252,7 @@ def why_not_found(images: Sequence[UInt8], board: Board) -> str:
                 return f"found no {wanted}, but one{said}"
             if _finds(np.ascontiguousarray(gray[:, ::-1]), board) and board.kind == "charuco":
                 return f"found no {wanted}, but one in the mirrored picture: switch off the camera's mirroring{said}"
-            other = (_other_chessboard if board.kind == "chessboard" else _other_dictionary)(gray, board)
+            other = _other_dictionary(gray, board) if board.kind == "charuco" else ""
             if other:
                 return f"found no corner of {wanted}; {other}{said}"
     return f"found no corner of {wanted}, nor any other board: is it in the picture, whole, flat, lit and sharp?"
@@ -300,11 +293,14 @@ def _other_dictionary(gray: UInt8, board: Board) -> str:
     return f"of {best} there are {most} markers: is that the board? Then set dictionary = {best!r}".replace("'", '"')
 
 
-def _other_chessboard(gray: UInt8, board: Board) -> str:
-    found, _, (across, down) = _largest_chessboard(gray, (3, 3))
-    if not found or {across, down} == {board.columns - 1, board.rows - 1}:
+def _other_chessboard(images: Sequence[UInt8], board: Board) -> str:
+    """Return the size of the largest chessboard in some of the images, or empty; a part of a board is often seen."""
+    step = max(1, len(images) // MOST_SEARCHED)
+    sizes = [size for image in images[::step][:MOST_SEARCHED] if (size := chessboard_size(_gray(image, False)))]
+    found = max(sizes, key=lambda size: size[0] * size[1], default=None)
+    if found is None or set(found) == {board.columns - 1, board.rows - 1}:
         return ""
-    columns, rows = max(across, down) + 1, min(across, down) + 1
-    inner = {across, down} == {board.columns, board.rows}
+    columns, rows = found[0] + 1, found[1] + 1
+    inner = set(found) == {board.columns, board.rows}
     said = " (columns and rows count squares, not inner corners)" if inner else ""
     return f"there is one of {columns} × {rows} squares: set columns and rows so{said}"

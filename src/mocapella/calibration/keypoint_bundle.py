@@ -1,0 +1,463 @@
+"""Bundle adjustment of cameras and people's joints: poses, focal lengths, clocks, joints and bones' lengths together.
+
+Source: B. Triggs et al., *Bundle Adjustment – A Modern Synthesis* (2000): Levenberg–Marquardt steps (section 4), joints
+eliminated first (6.1, Schur complement), outer robust loss (3.3: Cauchy), gauge (9.1). The constraint of constant,
+symmetric bones is that of J. Puwein et al., "Joint camera pose estimation and 3D human pose estimation in a
+multi-camera setup", ACCV (2014), section 4. The covariance is that of an M-estimator (Huber 1981, 7.6) times a
+dispersion by clusters of observations, because a detector's errors last for longer than a frame (Liang, Zeger:
+Biometrika 73 (1986) 13).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.keypoint_tracks import HALPE
+from mocapella.geometry.alignment import cross_matrix
+from mocapella.geometry.lens_jacobian import project_with_jacobian
+from mocapella.geometry.twists import exp_twist, log_motion
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+CAMERA: Final = 8
+"""Number of parameters of a camera: a small motion in its own frame (6), the log of its focal length, its clock."""
+POSE: Final = slice(0, 6)
+FOCAL: Final = 6
+CLOCK: Final = 7
+CAUCHY: Final = 2.5
+"""Scale of the Cauchy loss, in standard deviations."""
+BONE_SD: Final = 0.05
+"""Standard deviation of a bone's length between two instants, by errors of detectors, as a fraction."""
+SHAPE_SD: Final = 0.10
+"""Standard deviation of a bone's proportion between people, as a fraction."""
+PINNED: Final = 1e-4
+"""Standard deviation of the mean proportion, which fixes the scale while nothing else does."""
+STEPS: Final = 15
+"""Most steps of a minimisation."""
+ROUNDS: Final = 4
+SETTLED: Final = 3e-5
+"""Relative decrease of the cost at which a minimisation ends."""
+
+_LENGTHS: Final = {  # in statures: Drillis, Contini, *Body segment parameters* (1966), in Winter (2009), fig. 4.1
+    ("Hip", "Knee"): 0.245, ("Knee", "Ankle"): 0.246, ("Shoulder", "Elbow"): 0.186, ("Elbow", "Wrist"): 0.146,
+    ("Shoulder", "Hip"): 0.288,
+}  # fmt: skip
+USED: Final = tuple(
+    HALPE.index(side + name) for name in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
+)
+"""Joints of `HALPE` that are adjusted: the ends of bones of constant length. Ears and feet made real clips worse."""
+JOINTS: Final = len(USED)
+BONES: Final = tuple(
+    (USED.index(HALPE.index(side + a)), USED.index(HALPE.index(side + b)), k)
+    for k, (a, b) in enumerate(_LENGTHS)
+    for side in "LR"
+)
+"""Joints at the ends of each bone, in `USED`, and the number of its length, which left and right share."""
+STATURES: Final = np.array(list(_LENGTHS.values()))
+"""Typical lengths of the bones, in statures."""
+
+
+@dataclass(frozen=True)
+class KeypointViews:
+    """Keypoints of people at common instants. A body is a person at one instant.
+
+    Attributes:
+        camera: (n,) index of the camera.
+        body: (n,) index of the body.
+        joint: (n,) index of the joint in `USED`.
+        pixel: (n, 2) keypoint, interpolated to the instant by the camera's present clock [px].
+        velocity: (n, 2) its velocity [px/s].
+        sd: (n,) relative standard deviation of the keypoint's coordinates.
+        person: (bodies,) person of each body.
+        cluster: (bodies,) number of the stretch of time and person, within which errors are dependent.
+    """
+
+    camera: Int64
+    body: Int64
+    joint: Int64
+    pixel: Float64
+    velocity: Float64
+    sd: Float64
+    person: Int64
+    cluster: Int64
+
+
+@dataclass(frozen=True)
+class PeopleBundle:
+    """The estimated values.
+
+    Attributes:
+        T_camera_world: (cameras, 4, 4).
+        lenses: (cameras, 9), see `geometry.lens`.
+        clocks_s: (cameras,) the camera's time minus the rig's, relative to the clocks of the interpolation [s].
+        joints: (bodies, 12, 3) in the world [m]; any value where fewer than two cameras see a joint.
+        log_lengths: (people, bones) logarithms of the bones' lengths [m].
+    """
+
+    T_camera_world: Float64
+    lenses: Float64
+    clocks_s: Float64
+    joints: Float64
+    log_lengths: Float64
+
+
+@dataclass(frozen=True)
+class BundlePrior:
+    """What is known before.
+
+    Attributes:
+        free: (cameras, 8) whether each parameter is estimated.
+        log_focal: (cameras,) mean of the logarithm of the focal length.
+        focal_sd: (cameras,) its standard deviation.
+        clock_s: (cameras,) mean of the clock, relative to the clocks of the interpolation [s].
+        clock_sd_s: (cameras,) its standard deviation [s].
+        T_camera_world: (cameras, 4, 4) mean pose.
+        pose_precision: (cameras, 6, 6) inverse covariance of the pose, in the camera's frame; 0 if unknown.
+        mean_stature: stature that the mean of all bones has, while the scale is not known otherwise [m].
+        pinned: whether the scale is fixed by it; the precision of the poses fixes it otherwise.
+    """
+
+    free: Bool
+    log_focal: Float64
+    focal_sd: Float64
+    clock_s: Float64
+    clock_sd_s: Float64
+    T_camera_world: Float64
+    pose_precision: Float64
+    mean_stature: float = 1.7
+    pinned: bool = True
+
+
+@dataclass(frozen=True)
+class AdjustedPeople:
+    """Result of `adjust_people`.
+
+    Attributes:
+        bundle: the adjusted values.
+        residual_px: (n, 2) measured minus projected keypoints [px].
+        sigma: robust standard deviation of a keypoint's coordinate, of relative standard deviation 1 [px].
+        dispersion: variance of the estimate relative to that with independent errors.
+        covariance: (cameras, 8, cameras, 8); 0 for fixed values.
+    """
+
+    bundle: PeopleBundle
+    residual_px: Float64
+    sigma: float
+    dispersion: float
+    covariance: Float64
+
+
+@dataclass(frozen=True)
+class _System:
+    """The equations JᵀWJ x = −JᵀWr of one step.
+
+    Attributes:
+        general: (g, g) of the cameras and bones.
+        joints: (bodies, 36, 36).
+        mixed: (bodies, g, 36).
+        of_general: (g,) right-hand side.
+        of_joints: (bodies, 36).
+        of_bodies: (bodies, g) part of each body in the right-hand side.
+    """
+
+    general: Float64
+    joints: Float64
+    mixed: Float64
+    of_general: Float64
+    of_joints: Float64
+    of_bodies: Float64
+
+
+def adjust_people(
+    views: KeypointViews, start: PeopleBundle, prior: BundlePrior, rounds: int = ROUNDS
+) -> AdjustedPeople:
+    """Minimise the reprojection errors, the differences of bones and the deviations from the prior.
+
+    Args:
+        views: the keypoints; each joint of a body has two or more.
+        start: initial values, near the minimum.
+        prior: fixed values and prior knowledge.
+        rounds: number of estimates of the noise level.
+
+    Returns:
+        The minimum that was found; its residuals show whether it is good.
+    """
+    seen = _seen(views)
+    unknown = 3 * int(seen.sum()) + int(prior.free.sum()) + start.log_lengths.size
+    spare = min(0.9, unknown / (views.pixel.size + seen[:, :1].size * len(BONES)))
+    bundle, sigma = start, _sigma(views, _residual(views, start), spare)
+    for _ in range(rounds):
+        bundle = _descend(views, bundle, prior, sigma, seen)
+        before, sigma = sigma, _sigma(views, _residual(views, bundle), spare)
+        if abs(sigma - before) <= 0.01 * sigma:
+            break
+    dispersion, covariance = _covariance(views, bundle, prior, sigma, seen)
+    return AdjustedPeople(bundle, _residual(views, bundle), sigma, dispersion, covariance)
+
+
+def _seen(views: KeypointViews) -> Bool:
+    seen = np.zeros((len(views.person), JOINTS), dtype=bool)
+    seen[views.body, views.joint] = True
+    return seen
+
+
+def _sigma(views: KeypointViews, residual: Float64, spare: float) -> float:
+    """Return the noise of relative standard deviation 1 from the median distance (χ² of two degrees of freedom)."""
+    r2 = (residual**2).sum(axis=1) / views.sd**2
+    return max(1e-6, float(np.sqrt(np.median(r2) / (2 * np.log(2)) / (1 - spare))))
+
+
+def _expected(views: KeypointViews, bundle: PeopleBundle) -> tuple[Float64, Float64, Float64, Float64, Float64]:
+    """Return joints in the cameras' frames, pixels, their derivatives by joint and lens, and ``R_camera_world``."""
+    T = bundle.T_camera_world[views.camera]
+    R = T[:, :3, :3]
+    p = np.einsum("nij,nj->ni", R, bundle.joints[views.body, views.joint]) + T[:, :3, 3]
+    pixel, by_point, by_lens = project_with_jacobian(p, bundle.lenses[views.camera])
+    return p, pixel, by_point, by_lens, R
+
+
+def _residual(views: KeypointViews, bundle: PeopleBundle) -> Float64:
+    """Return measured minus projected pixels; a joint behind a camera gets a huge residual."""
+    measured = views.pixel + views.velocity * bundle.clocks_s[views.camera, None]
+    return np.nan_to_num(measured - _expected(views, bundle)[1], nan=1e5)
+
+
+def _loss(squares: Float64) -> float:
+    return float(CAUCHY**2 * np.log1p(squares / CAUCHY**2).sum())
+
+
+def _bones(bundle: PeopleBundle, person: Int64, seen: Bool) -> tuple[Float64, Float64, Float64]:
+    """Return residuals (bodies, bones), 0 where not seen; unit directions (bodies, bones, 3); lengths / expected."""
+    first, second, which = (np.array(of) for of in zip(*BONES, strict=True))
+    along = bundle.joints[:, first] - bundle.joints[:, second]
+    length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
+    ratio = length / np.exp(bundle.log_lengths[person][:, which])
+    both = seen[:, first] & seen[:, second]
+    return np.where(both, (ratio - 1.0) / BONE_SD, 0.0), along / length[..., None], np.where(both, ratio, 0.0)
+
+
+def _prior_residuals(bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64, Float64, Float64, float]:
+    """Return the deviations of focal lengths, clocks and bones, and of the mean of the bones, in their sds."""
+    log_focal = np.log(bundle.lenses[:, :2]).mean(axis=1)
+    off = bundle.log_lengths - np.log(STATURES * prior.mean_stature)
+    pinned = float(off.mean()) / PINNED if prior.pinned else 0.0
+    clocks = (bundle.clocks_s - prior.clock_s) / prior.clock_sd_s
+    return (log_focal - prior.log_focal) / prior.focal_sd, clocks, (off - off.mean()) / SHAPE_SD, pinned
+
+
+def _pose_deviation(bundle: PeopleBundle, prior: BundlePrior) -> Float64:
+    return log_motion(bundle.T_camera_world @ np.linalg.inv(prior.T_camera_world))
+
+
+def _cost(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> float:
+    squares = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
+    bones, focal, pose = _bones(bundle, views.person, seen)[0], _prior_residuals(bundle, prior), 0.0
+    if prior.pose_precision.any():
+        off = _pose_deviation(bundle, prior)
+        pose = float(np.einsum("ci,cij,cj", off, prior.pose_precision, off))
+    return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in focal) + pose
+
+
+def _descend(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> PeopleBundle:
+    """Run Levenberg–Marquardt at one noise level."""
+    damping, cost = 1e-4, _cost(views, bundle, prior, sigma, seen)
+    for _ in range(STEPS):
+        system = _equations(views, bundle, prior, sigma, seen)
+        while damping < 1e8:
+            tried = _step(bundle, system, prior, damping)
+            tried_cost = _cost(views, tried, prior, sigma, seen)
+            if tried_cost <= cost:
+                break
+            damping *= 10
+        else:
+            return bundle
+        bundle, gain, cost = tried, cost - tried_cost, tried_cost
+        damping = max(damping / 10, 1e-10)
+        if gain <= SETTLED * cost:
+            return bundle
+    return bundle
+
+
+def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> _System:
+    cameras, bodies = len(bundle.lenses), len(views.person)
+    size = cameras * CAMERA + bundle.log_lengths.size
+    residual = _residual(views, bundle)
+    J, by_joint = _derivatives(views, bundle)
+    scale = views.sd * sigma
+    weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / (CAUCHY * scale) ** 2) / scale**2
+    J = np.where(prior.free[views.camera][:, None, :], J, 0.0)
+    weighted, joint_weighted = J * weight[:, None, None], by_joint * weight[:, None, None]
+    general, mixed = np.zeros((size, size)), np.zeros((bodies, size, JOINTS * 3))
+    joints, of_joints = np.zeros((bodies, JOINTS, 3, JOINTS, 3)), np.zeros((bodies, JOINTS, 3))
+    of_bodies = np.zeros((bodies, size))
+    both = np.einsum("nki,nkj->nij", weighted, by_joint)
+    squares = np.einsum("nki,nkj->nij", joint_weighted, by_joint)
+    pulls, joint_pulls = (np.einsum("nki,nk->ni", j, residual) for j in (weighted, joint_weighted))
+    blocks = mixed[:, : cameras * CAMERA].reshape(bodies, cameras, CAMERA, JOINTS, 3)
+    blocks[views.body, views.camera, :, views.joint] = both
+    for c in range(cameras):
+        mine = views.camera == c
+        own, b, j = slice(c * CAMERA, (c + 1) * CAMERA), views.body[mine], views.joint[mine]
+        general[own, own] += np.einsum("nki,nkj->ij", weighted[mine], J[mine])
+        joints[b, j, :, j] += squares[mine]
+        of_joints[b, j] += joint_pulls[mine]
+        np.add.at(of_bodies[:, own], b, pulls[mine])
+    _add_bones(_Blocks(general, mixed, joints, of_joints, of_bodies), bundle, views.person, seen)
+    of_general = of_bodies.sum(axis=0)
+    _add_prior(general, of_general, bundle, prior)
+    nothing = np.repeat(~seen, 3, axis=1)
+    square = joints.reshape(bodies, JOINTS * 3, JOINTS * 3)
+    square[:, np.arange(JOINTS * 3), np.arange(JOINTS * 3)] += nothing
+    return _System(general, square, mixed, of_general, of_joints.reshape(bodies, -1), of_bodies)
+
+
+def _derivatives(views: KeypointViews, bundle: PeopleBundle) -> tuple[Float64, Float64]:
+    """Return the derivatives of the residuals by the camera's parameters (n, 2, 8) and by the joint (n, 2, 3)."""
+    p, _, by_point, by_lens, R = _expected(views, bundle)
+    focal = bundle.lenses[views.camera, :2]
+    by_focal = by_lens[..., 0] * focal[:, :1] + by_lens[..., 1] * focal[:, 1:]
+    parts = [-by_point, by_point @ cross_matrix(p), -by_focal[..., None], views.velocity[..., None]]
+    J = np.nan_to_num(np.concatenate(parts, axis=-1))
+    return J, np.nan_to_num(-by_point @ R)
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Arrays of `_System` while they are added up."""
+
+    general: Float64
+    mixed: Float64
+    joints: Float64
+    of_joints: Float64
+    of_bodies: Float64
+
+
+def _add_bones(to: _Blocks, bundle: PeopleBundle, person: Int64, seen: Bool) -> None:
+    residual, along, ratio = _bones(bundle, person, seen)
+    weight = 1.0 / (1.0 + residual**2 / CAUCHY**2)
+    first = len(to.general) - bundle.log_lengths.size
+    bodies = np.arange(len(person))
+    for k, (i, j, which) in enumerate(BONES):
+        length = np.exp(bundle.log_lengths[person, which])
+        by_i = along[:, k] / (length * BONE_SD)[:, None] * (ratio[:, k] > 0)[:, None]
+        by_l = -ratio[:, k] / BONE_SD
+        w, r = weight[:, k], residual[:, k]
+        column = first + person * len(STATURES) + which
+        square = by_i[:, :, None] * by_i[:, None, :] * w[:, None, None]
+        to.joints[:, i, :, i] += square
+        to.joints[:, j, :, j] += square
+        to.joints[:, i, :, j] -= square
+        to.joints[:, j, :, i] -= square
+        to.of_joints[:, i] += by_i * (w * r)[:, None]
+        to.of_joints[:, j] -= by_i * (w * r)[:, None]
+        np.add.at(to.general, (column, column), w * by_l**2)
+        to.of_bodies[bodies, column] += w * by_l * r
+        cross = by_i * (w * by_l)[:, None]
+        to.mixed[bodies, column, 3 * i : 3 * i + 3] += cross
+        to.mixed[bodies, column, 3 * j : 3 * j + 3] -= cross
+
+
+def _add_prior(general: Float64, of_general: Float64, bundle: PeopleBundle, prior: BundlePrior) -> None:
+    cameras = len(bundle.lenses)
+    focal, clocks, shape, pinned = _prior_residuals(bundle, prior)
+    for residual, sd, offset in ((focal, prior.focal_sd, FOCAL), (clocks, prior.clock_sd_s, CLOCK)):
+        at = np.arange(cameras) * CAMERA + offset
+        free = prior.free[:, offset]
+        general[at, at] += np.where(free, sd**-2.0, 0.0)
+        of_general[at] += np.where(free, residual / sd, 0.0)
+    count = bundle.log_lengths.size
+    bones = slice(cameras * CAMERA, cameras * CAMERA + count)
+    general[bones, bones] += (np.eye(count) - 1.0 / count) / SHAPE_SD**2
+    of_general[bones] += shape.ravel() / SHAPE_SD
+    if prior.pinned:
+        general[bones, bones] += 1.0 / (count * PINNED) ** 2
+        of_general[bones] += pinned / (count * PINNED)
+    if prior.pose_precision.any():
+        off = _pose_deviation(bundle, prior)
+        for c in range(cameras):
+            own = slice(c * CAMERA, c * CAMERA + 6)
+            free = prior.free[c, POSE]
+            general[own, own] += np.where(free[:, None] & free, prior.pose_precision[c], 0.0)
+            of_general[own] += np.where(free, prior.pose_precision[c] @ off[c], 0.0)
+    fixed = np.flatnonzero(~prior.free.ravel())
+    general[fixed, fixed] += 1.0
+
+
+def _reduced(system: _System, damping: float) -> tuple[Float64, Float64, Float64]:
+    """Eliminate the joints; return the equations of cameras and bones, (bodies, 36, g), and the inverse blocks."""
+    count = system.joints.shape[-1]
+    diagonal = np.einsum("bii->bi", system.joints)
+    damped = system.joints + np.einsum("bi,ij->bij", diagonal * damping + 1e-9, np.eye(count))
+    inverse = np.asarray(np.linalg.inv(damped))
+    solved = inverse @ np.swapaxes(system.mixed, 1, 2)
+    general = system.general + damping * np.diag(np.diag(system.general))
+    flat = system.mixed.transpose(1, 0, 2).reshape(len(general), -1)
+    return general - flat @ solved.reshape(-1, len(general)), solved, inverse
+
+
+def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: float) -> PeopleBundle:
+    S, solved, inverse = _reduced(system, damping)
+    own = (inverse @ system.of_joints[..., None])[..., 0]
+    right = system.of_general - np.einsum("bgi,bi->g", system.mixed, own)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-30))
+    x = -scale * np.linalg.lstsq(S * np.outer(scale, scale), scale * right, rcond=1e-13)[0]
+    y = -own - solved @ x
+    cameras = len(bundle.lenses)
+    of_cameras = np.where(prior.free, x[: cameras * CAMERA].reshape(cameras, CAMERA), 0.0)
+    of_cameras = np.clip(of_cameras, -1.0, 1.0)
+    lenses = bundle.lenses.copy()
+    lenses[:, :2] *= np.exp(np.clip(of_cameras[:, FOCAL], -0.3, 0.3))[:, None]
+    return PeopleBundle(
+        exp_twist(of_cameras[:, POSE]) @ bundle.T_camera_world,
+        lenses,
+        bundle.clocks_s + of_cameras[:, CLOCK],
+        bundle.joints + y.reshape(bundle.joints.shape),
+        bundle.log_lengths + np.clip(x[cameras * CAMERA :], -0.5, 0.5).reshape(bundle.log_lengths.shape),
+    )
+
+
+def _covariance(
+    views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool
+) -> tuple[float, Float64]:
+    """Return the dispersion and the covariance of the cameras' parameters.
+
+    Dispersions are estimated for positions, directions, focal lengths and clocks: the mean square of the pulls of the
+    clusters, relative to what independent errors would do. The largest is returned.
+    """
+    cameras = len(bundle.lenses)
+    system = _equations(views, bundle, prior, sigma, seen)
+    S, _, _ = _reduced(system, 0.0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-30))
+    inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+    scores = np.zeros((int(views.cluster.max(initial=0)) + 1, len(S)))
+    np.add.at(scores, views.cluster, system.of_bodies)
+    scores -= scores.mean(axis=0)
+    count = len(np.unique(views.cluster))
+    pulls = (scores @ inverse)[:, : cameras * CAMERA] * math.sqrt(count / max(count - 1, 1))
+    r2 = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
+    weight = 1.0 / (1.0 + r2 / CAUCHY**2)
+    slope = weight - r2 / CAUCHY**2 * weight**2
+    factor = float((weight.mean() / slope.mean()) ** 2)
+    free, inner = prior.free, inverse[: cameras * CAMERA, : cameras * CAMERA]
+    spread, dispersion = np.ones((cameras, CAMERA)), 1.0
+    for kind in _KINDS:
+        at = np.flatnonzero((free & (np.isin(np.arange(CAMERA), kind))).ravel())
+        if len(at):
+            block = np.linalg.pinv(inner[np.ix_(at, at)], rcond=1e-10, hermitian=True)
+            squares = float(np.einsum("ki,ij,kj->", pulls[:, at], block, pulls[:, at]))
+            spread.ravel()[at] = math.sqrt(max(1.0, squares / len(at)))
+            dispersion = max(dispersion, squares / len(at))
+    mask = free.ravel()
+    covariance = np.where(mask[:, None] & mask, factor * inner * np.outer(spread, spread), 0.0)
+    return dispersion, covariance.reshape(cameras, CAMERA, cameras, CAMERA)
+
+
+_KINDS: Final = ((0, 1, 2), (3, 4, 5), (FOCAL,), (CLOCK,))
+"""Parameters of a camera whose dispersions are estimated together."""

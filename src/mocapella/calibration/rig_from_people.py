@@ -1,0 +1,485 @@
+"""Calibrate cameras from the people they see, without a board: poses, focal lengths and clocks.
+
+The steps: tracks of each camera (`keypoint_tracks`), relative poses of all pairs of cameras and who is who
+(`keypoint_pairs`, `keypoint_people`), poses along a tree (`keypoint_start`), adjustment of everything together
+(`keypoint_bundle`), floor and stature (`people_floor`), and a scale from what is stated. docs/cameras-people.md
+describes what it can and cannot know.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.keypoint_bundle import (
+    CAMERA,
+    CLOCK,
+    FOCAL,
+    JOINTS,
+    STATURES,
+    USED,
+    AdjustedPeople,
+    BundlePrior,
+    KeypointViews,
+    PeopleBundle,
+    adjust_people,
+)
+from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, find_pair, rescored
+from mocapella.calibration.keypoint_people import PersonPassage, join_people
+from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
+from mocapella.calibration.keypoint_tracks import HALPE, CameraTracks, PersonTrack, at_instants
+from mocapella.errors import CalibrationError
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import Camera
+from mocapella.settings import check
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Progress = Callable[[str], None]
+
+STATURE_M: Final = 1.70
+"""Stature of people of whom nothing is stated: about the mean of adults worldwide [m]."""
+FIELD_OF_VIEW_RAD: Final = math.radians(66.0)
+"""Typical field of view of a webcam along the longer side of the image [rad]."""
+FOCAL_SD: Final = 0.25
+"""Standard deviation of the logarithm of an unknown focal length: fields of view of 50° to 90°."""
+_JOINT_SD: Final = {  # error of keypoints relative to a wrist's, after COCO's object keypoint similarity
+    "Nose": 0.7, "LEye": 0.7, "REye": 0.7, "LEar": 0.8, "REar": 0.8, "LHip": 1.5, "RHip": 1.5, "Hip": 1.5, "Neck": 1.2,
+    "Head": 1.2, "LShoulder": 1.2, "RShoulder": 1.2, "LKnee": 1.2, "RKnee": 1.2,
+}  # fmt: skip
+_SIZE_PX: Final = 400.0
+"""Size of a person whose keypoints have the standard deviation of the adjustment [px]."""
+
+
+@dataclass(frozen=True)
+class RigFromPeopleSettings:
+    """How cameras are calibrated from people.
+
+    Attributes:
+        instants: most instants that are used; larger: a little more accurate, and slower [instants].
+        every_s: shortest interval between instants; larger: more independent errors, fewer instants [s].
+        passage_instants: number of instants within which two cameras' tracks are matched; larger: fewer wrong matches,
+            more harm by an exchange of people [instants].
+        clock_search_s: largest difference of two cameras' clocks that is searched for; larger: takes longer [s].
+        least_share: least share of keypoints that must agree between two cameras; larger: fewer wrong calibrations,
+            more refusals [0 to 1].
+        least_score: least number of agreeing keypoints of two cameras [keypoints].
+        seed: of the random samples; the same keypoints and seed give the same rig [number].
+
+    Raises:
+        SettingsError: a value is invalid; names it and the valid values.
+    """
+
+    instants: int = 160
+    every_s: float = 0.2
+    passage_instants: int = 10
+    clock_search_s: float = 0.0
+    least_share: float = 0.7
+    least_score: float = 100.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check(10 <= self.instants <= 5000, "instants", self.instants, "from 10 to 5000")
+        check(0.01 <= self.every_s <= 10, "every_s", self.every_s, "from 0.01 to 10 s")
+        check(2 <= self.passage_instants <= 100, "passage_instants", self.passage_instants, "from 2 to 100")
+        check(0 <= self.clock_search_s <= 10, "clock_search_s", self.clock_search_s, "from 0 to 10 s")
+        check(0 < self.least_share < 1, "least_share", self.least_share, "above 0 and below 1")
+        check(1 <= self.least_score <= 1e6, "least_score", self.least_score, "from 1 to 1e6")
+        check(0 <= self.seed < 2**32, "seed", self.seed, "0 or more")
+
+
+class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
+    """Cameras as far as people alone determine them: the first is the origin, and people have a stature of 1.7 m.
+
+    Attributes:
+        names: the cameras.
+        sizes_px: (width, height) of each camera's images.
+        adjusted: poses, lenses, joints and covariance; the clocks are relative to ``clocks_s``.
+        clocks_s: (cameras,) each camera's time minus the first's [s].
+        views: the keypoints that were used.
+        at_s: (bodies,) time of each body, on the first camera's clock [s].
+        sightings: who is who.
+        angles_rad: median angle of the rays of each pair of cameras that was found, by their numbers [rad].
+        lens_known: (cameras,) whether the focal length was given.
+        people: (bodies, 26, 3) all joints in the first camera's frame [m]; NaN where fewer than two cameras agree.
+    """
+
+    names: tuple[str, ...]
+    sizes_px: tuple[tuple[int, int], ...]
+    adjusted: AdjustedPeople
+    clocks_s: Float64
+    views: KeypointViews
+    at_s: Float64
+    sightings: list[PersonPassage]
+    angles_rad: dict[tuple[int, int], float]
+    lens_known: NDArray[np.bool_]
+    people: Float64
+
+
+class _Data(msgspec.Struct, frozen=True, eq=False):
+    """The tracks of all cameras, and the instants at which they are compared."""
+
+    names: tuple[str, ...]
+    sizes_px: tuple[tuple[int, int], ...]
+    tracks: list[list[PersonTrack]]
+    at_s: Float64
+    passages: Int64
+
+    def sampled(self, camera: int, clock_s: float) -> SampledTracks:
+        """Return a camera's tracks at the instants, by its clock [s]."""
+        parts = [at_instants(track, self.at_s + clock_s) for track in self.tracks[camera]]
+        return SampledTracks(*(np.stack([part[k] for part in parts]) for k in range(3)))
+
+    def thinned(self, every: int) -> _Data:
+        """Return the same tracks at every so many instants."""
+        return _Data(self.names, self.sizes_px, self.tracks, self.at_s[::every], self.passages[::every])
+
+
+def solve_people(
+    tracks: Mapping[str, CameraTracks],
+    known: Mapping[str, Camera] | None = None,
+    settings: RigFromPeopleSettings | None = None,
+    progress: Progress = lambda _text: None,
+) -> PeopleSolution:
+    """Estimate poses, unknown focal lengths and clocks of cameras.
+
+    Args:
+        tracks: the tracks of each camera, by name.
+        known: cameras with a given lens, which stays fixed, by name; None for none.
+        settings: how; the defaults if None.
+        progress: receives what is done next.
+
+    Raises:
+        CalibrationError: the people do not determine the cameras; says which, why, and what to do.
+    """
+    s, known = settings or RigFromPeopleSettings(), known or {}
+    data = _data(tracks, s)
+    _check_sizes(data, known)
+    lenses = np.array([_lens(name, size, known) for name, size in zip(data.names, data.sizes_px, strict=True)])
+    lens_known = np.array([name in known for name in data.names])
+    clocks = np.zeros(len(data.names))
+    progress("comparing pairs of cameras …")
+    pairs = _pairs(data, lenses, clocks, s)
+    if s.clock_search_s > 0:
+        progress("searching the clocks …")
+        clocks = _searched_clocks(data, lenses, pairs, s)
+        pairs = _pairs(data, lenses, clocks, s)
+    _check_pairs(data, pairs)
+    progress("adjusting the cameras …")
+    poses = _tree(data, lenses, clocks, pairs)
+    rough = data.thinned(max(1, len(data.at_s) // _ROUGH_INSTANTS))
+    solution = _solution(rough, _Start(poses, lenses, clocks, lens_known), pairs)
+    solution = _again(data, solution)
+    _check_solution(solution)
+    return solution
+
+
+LARGEST_SIGMA_PX: Final = 12.0
+"""Error of keypoints of a person of `_SIZE_PX` above which cameras contradict each other [px]."""
+LARGEST_SD_M: Final = 1.0
+"""Standard deviation of a position, of people of typical stature, above which nothing is known of it [m]."""
+
+
+def _check_solution(found: PeopleSolution) -> None:
+    """Raise a `CalibrationError` if the cameras contradict each other, or one is not determined at all."""
+    sigma = found.adjusted.sigma
+    sds = np.sqrt(np.einsum("cici->ci", found.adjusted.covariance[:, :3, :, :3]).sum(axis=1))
+    worst = int(np.argmax(sds))
+    if sigma > LARGEST_SIGMA_PX:
+        raise CalibrationError(
+            f"the cameras contradict each other by {sigma:.0f} px: they may see different rooms or people, or their "
+            "clocks may differ by more than was searched; film one room with all, and walk about"
+        )
+    if not sds[worst] <= LARGEST_SD_M:
+        raise CalibrationError(
+            f"camera {found.names[worst]} is not determined (± {sds[worst]:.1f} m): it may see another room; otherwise "
+            "walk about where it and others see you"
+        )
+
+
+def _data(tracks: Mapping[str, CameraTracks], s: RigFromPeopleSettings) -> _Data:
+    if len(tracks) < 2:
+        there = f"only {next(iter(tracks))} is" if tracks else "none is"
+        raise CalibrationError(f"two cameras or more are needed, and {there} there: start another camera")
+    lists = {name: camera.tracks() for name, camera in tracks.items()}
+    for name, of in lists.items():
+        if not of:
+            raise CalibrationError(
+                f"camera {name} sees nobody for half a second or longer: walk about where it sees your whole body"
+            )
+    first = max(camera.first_s for camera in tracks.values())
+    last = min(camera.last_s for camera in tracks.values())
+    count = min(s.instants, int((last - first) / s.every_s))
+    if count < s.passage_instants:
+        raise CalibrationError(
+            f"the cameras have {max(0.0, last - first):.1f} s in common: film all at the same time, for half a minute"
+        )
+    at_s = np.linspace(first, last, count + 2)[1:-1]
+    sizes = tuple(camera.size_px for camera in tracks.values())
+    return _Data(tuple(tracks), sizes, list(lists.values()), at_s, np.arange(count) // s.passage_instants)
+
+
+def _check_sizes(data: _Data, known: Mapping[str, Camera]) -> None:
+    for name, size in zip(data.names, data.sizes_px, strict=True):
+        if name in known and known[name].size_px != size:
+            given = known[name].size_px
+            raise CalibrationError(
+                f"camera {name} has pictures of {size[0]}×{size[1]} px, and its lens is for {given[0]}×{given[1]}: "
+                "film with that size, or leave the lens out"
+            )
+
+
+def _lens(name: str, size_px: tuple[int, int], known: Mapping[str, Camera]) -> Float64:
+    if name in known:
+        return known[name].lens.astype(np.float64)
+    focal = max(size_px) / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
+    return np.array([focal, focal, (size_px[0] - 1) / 2, (size_px[1] - 1) / 2, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def _pairs(
+    data: _Data, lenses: Float64, clocks: Float64, s: RigFromPeopleSettings
+) -> dict[tuple[int, int], CameraPair]:
+    directions = _directions(data, lenses, clocks)
+    found = {}
+    for a, b in combinations(range(len(data.names)), 2):
+        pair = find_pair(directions[a], directions[b], data.passages, np.random.default_rng([s.seed, a, b]))
+        if pair is not None and pair.score >= s.least_score and pair.share >= s.least_share:
+            found[a, b] = pair
+    return found
+
+
+def _directions(data: _Data, lenses: Float64, clocks: Float64) -> list[Float64]:
+    return [undistort(data.sampled(c, clocks[c]).pixels, lenses[c]) for c in range(len(data.names))]
+
+
+def _searched_clocks(
+    data: _Data, lenses: Float64, pairs: Mapping[tuple[int, int], CameraPair], s: RigFromPeopleSettings
+) -> Float64:
+    """Return the clocks at which pairs of cameras agree best, from a coarse grid, along a tree from the first."""
+    steps = max(1, round(s.clock_search_s / _CLOCK_STEP_S))
+    offsets = np.arange(-steps, steps + 1) * _CLOCK_STEP_S
+    cameras = len(data.names)
+    found: dict[tuple[int, int], tuple[CameraPair, float]] = {}
+    for a, b in combinations(range(cameras), 2):
+        first = undistort(data.sampled(a, 0.0).pixels, lenses[a])
+        best: tuple[CameraPair, float] | None = None
+        for offset in offsets:
+            second = undistort(data.sampled(b, float(offset)).pixels, lenses[b])
+            pair = find_pair(first, second, data.passages, np.random.default_rng([s.seed, a, b]))
+            if pair is not None and (best is None or pair.score > best[0].score):
+                best = pair, float(offset)
+        if best is not None:
+            found[a, b] = best
+    clocks = np.zeros(cameras)
+    for one, new in spanning_tree({key: pair for key, (pair, _) in found.items()}, cameras):
+        offset = found[min(one, new), max(one, new)][1]
+        clocks[new] = clocks[one] + (offset if one < new else -offset)
+    return clocks
+
+
+_CLOCK_STEP_S: Final = 0.1
+
+
+def _check_pairs(data: _Data, pairs: Mapping[tuple[int, int], CameraPair]) -> None:
+    cameras = len(data.names)
+    tree = spanning_tree(pairs, cameras)
+    reached = {0} | {new for _, new in tree}
+    if len(reached) < cameras:
+        others = ", ".join(data.names[k] for k in range(cameras) if k not in reached)
+        own = ", ".join(data.names[k] for k in sorted(reached))
+        raise CalibrationError(
+            f"{others} and {own} see nobody in common: walk about where cameras of both see you at the same time; "
+            "or they see different rooms, or their clocks differ by more than was searched"
+        )
+    for one, new in tree:
+        pair = pairs[min(one, new), max(one, new)]
+        if pair.angle_rad < LEAST_ANGLE_RAD:
+            raise CalibrationError(
+                f"{data.names[one]} and {data.names[new]} see people from the same side, {_degrees(pair.angle_rad)} "
+                "apart, so distances are not determined: move one of them, so that they look from different sides"
+            )
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.1f}°"
+
+
+class _Start(msgspec.Struct, frozen=True, eq=False):
+    """Values to begin an adjustment with."""
+
+    T_camera_world: Float64
+    lenses: Float64
+    clocks_s: Float64
+    lens_known: NDArray[np.bool_]
+
+
+def _tree(data: _Data, lenses: Float64, clocks: Float64, pairs: Mapping[tuple[int, int], CameraPair]) -> Float64:
+    tree = spanning_tree(pairs, len(data.names))
+    poses = tree_poses(pairs, _directions(data, lenses, clocks), data.passages, tree, STATURE_M)
+    return np.stack([poses[k] for k in range(len(data.names))])
+
+
+def _solution(
+    data: _Data, start: _Start, pairs: Mapping[tuple[int, int], CameraPair], *, complete: bool = False
+) -> PeopleSolution:
+    """Adjust everything; the tracks are interpolated again by the clocks until these settle."""
+    sightings = join_people(pairs)
+    clocks, T, lenses = start.clocks_s.copy(), start.T_camera_world, start.lenses
+    before: PeopleBundle | None = None
+    for turn in range(_TURNS):
+        views, at_s = _views(data, sightings, clocks)
+        views, bundle = _bundle(views, T, lenses, before)
+        settling = turn + 1 < _TURNS
+        adjusted = adjust_people(views, bundle, _prior(data, start, clocks, lenses), rounds=1 if settling else 2)
+        before = adjusted.bundle
+        T, lenses, moved = before.T_camera_world, before.lenses, before.clocks_s
+        if np.abs(moved).max() < _SETTLED_S and turn:
+            break
+        clocks = clocks + moved
+    angles = {key: pair.angle_rad for key, pair in pairs.items()}
+    return PeopleSolution(
+        data.names, data.sizes_px, adjusted, clocks, views, at_s, sightings, angles, start.lens_known,
+        _all_joints(data, sightings, clocks, adjusted.bundle) if complete else np.zeros((0, len(HALPE), 3)),
+    )  # fmt: skip
+
+
+def _all_joints(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64, bundle: PeopleBundle) -> Float64:
+    """Triangulate all joints (bodies, 26, 3) of all people; NaN where no two cameras agree."""
+    T = bundle.T_camera_world
+    rays = [
+        _world_rays(data.sampled(c, float(clocks[c])).pixels, bundle.lenses[c], T[c]) for c in range(len(data.names))
+    ]
+    origins = np.stack([inverse(one)[:3, 3] for one in T])
+    bodies = []
+    for sighting in sightings:
+        here = np.flatnonzero(data.passages == sighting.passage)
+        of = np.full((len(here), len(HALPE), len(T), 3), np.nan)
+        for c, t in sighting.tracks.items():
+            of[:, :, c] = rays[c][t, here]
+        flat = of.reshape(-1, len(T), 3)
+        bodies.append(triangulate_rays(origins, flat, np.ones(flat.shape[:2])).reshape(len(here), -1, 3))
+    return np.concatenate(bodies)
+
+
+def _world_rays(pixels: Float64, lens: Float64, T_camera_world: Float64) -> Float64:
+    """Return the unit directions (..., 3) of pixels (..., 2) in the world."""
+    d = undistort(pixels, lens)
+    d = np.concatenate([d, np.ones((*d.shape[:-1], 1))], axis=-1) @ T_camera_world[:3, :3]
+    return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
+
+
+_ROUGH_INSTANTS: Final = 40
+"""Number of instants of the first adjustment."""
+_TURNS: Final = 4
+_SETTLED_S: Final = 0.001
+"""Change of the clocks below which the tracks are not interpolated again [s]."""
+
+
+def _again(data: _Data, found: PeopleSolution) -> PeopleSolution:
+    """Match the people of all pairs of cameras by the adjusted cameras, and adjust again."""
+    bundle, clocks = found.adjusted.bundle, found.clocks_s
+    directions = _directions(data, bundle.lenses, clocks)
+    pairs = {}
+    for a, b in combinations(range(len(data.names)), 2):
+        T_b_a = bundle.T_camera_world[b] @ inverse(bundle.T_camera_world[a])
+        pair = rescored(T_b_a, directions[a], directions[b], data.passages)
+        if pair is not None and pair.score > 0:
+            pairs[a, b] = pair
+    return _solution(data, _Start(bundle.T_camera_world, bundle.lenses, clocks, found.lens_known), pairs, complete=True)
+
+
+def _views(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64) -> tuple[KeypointViews, Float64]:
+    """Return the keypoints of all people at all instants, each joint seen by two cameras or more; and bodies' times."""
+    sampled = [data.sampled(c, float(clocks[c])) for c in range(len(data.names))]
+    relative = np.array([_JOINT_SD.get(HALPE.joints[joint], 1.0) for joint in USED])
+    rows: list[tuple[Int64, Int64, Int64, Float64, Float64, Float64]] = []
+    persons, clusters, times = list[int](), list[int](), list[float]()
+    for number, sighting in enumerate(sightings):
+        for k in np.flatnonzero(data.passages == sighting.passage):
+            body = len(persons)
+            pixels = np.stack([sampled[c].pixels[t, k, USED] for c, t in sighting.tracks.items()])
+            seen = np.isfinite(pixels).all(axis=-1)
+            seen &= seen.sum(axis=0) >= 2
+            for n, (c, t) in enumerate(sighting.tracks.items()):
+                joints = np.flatnonzero(seen[n])
+                if not len(joints):
+                    continue
+                count = len(joints)
+                sd = relative[joints] * sampled[c].sizes_px[t, k] / _SIZE_PX
+                velocities = sampled[c].velocities[t, k, USED][joints]
+                rows.append((np.full(count, c), np.full(count, body), joints, pixels[n, joints], velocities, sd))
+            persons.append(sighting.person)
+            clusters.append(number)
+            times.append(float(data.at_s[k]))
+    if not rows:
+        raise CalibrationError("no person is seen by two cameras at once: walk about where several cameras see you")
+    people = {person: k for k, person in enumerate(sorted(set(persons)))}
+    camera, of_body, joint, pixel, velocity, sd = (np.concatenate([row[k] for row in rows]) for k in range(6))
+    person = np.array([people[p] for p in persons])
+    return KeypointViews(
+        camera.astype(np.int64), of_body.astype(np.int64), joint.astype(np.int64), pixel, velocity, sd, person,
+        np.array(clusters),
+    ), np.array(times)  # fmt: skip
+
+
+def _bundle(
+    views: KeypointViews, T: Float64, lenses: Float64, before: PeopleBundle | None
+) -> tuple[KeypointViews, PeopleBundle]:
+    """Triangulate all joints, and leave out keypoints that lie behind a camera or far off."""
+    cameras, bodies = len(lenses), len(views.person)
+    rays = np.full((bodies, JOINTS, cameras, 3), np.nan)
+    for c in range(cameras):
+        mine = views.camera == c
+        rays[views.body[mine], views.joint[mine], c] = _world_rays(views.pixel[mine], lenses[c], T[c])
+    origins = np.stack([inverse(one)[:3, 3] for one in T])
+    flat = rays.reshape(-1, cameras, 3)
+    joints = triangulate_rays(origins, flat, np.ones(flat.shape[:2])).reshape(bodies, JOINTS, 3)
+    if before is not None and before.joints.shape == joints.shape:
+        joints = np.where(before.joints.any(axis=-1, keepdims=True), before.joints, joints)
+    depth = np.einsum("nj,nj->n", T[views.camera][:, 2, :3], joints[views.body, views.joint]) + T[views.camera][:, 2, 3]
+    kept = depth > 0.1
+    count = np.zeros((bodies, JOINTS), dtype=int)
+    np.add.at(count, (views.body[kept], views.joint[kept]), 1)
+    kept &= count[views.body, views.joint] >= 2
+    views = replace(
+        views, **{name: getattr(views, name)[kept] for name in ("camera", "body", "joint", "pixel", "velocity", "sd")}
+    )
+    people = int(views.person.max()) + 1
+    typical = np.log(STATURES * STATURE_M)
+    lengths = np.tile(typical, (people, 1))
+    if before is not None and before.log_lengths.shape == lengths.shape:
+        lengths = before.log_lengths
+    return views, PeopleBundle(T, lenses, np.zeros(cameras), np.nan_to_num(joints), lengths)
+
+
+def _prior(data: _Data, start: _Start, clocks: Float64, lenses: Float64) -> BundlePrior:
+    cameras = len(data.names)
+    free = np.ones((cameras, CAMERA), dtype=bool)
+    free[0, :6] = free[0, CLOCK] = False
+    free[:, FOCAL] = ~start.lens_known
+    unknown = np.array([_lens(name, size, {})[0] for name, size in zip(data.names, data.sizes_px, strict=True)])
+    focal = np.where(start.lens_known, lenses[:, :2].mean(axis=1), unknown)
+    return BundlePrior(
+        free, np.log(focal), np.full(cameras, FOCAL_SD), -(clocks - clocks[0]), np.full(cameras, _CLOCK_SD_S),
+        start.T_camera_world, np.zeros((cameras, 6, 6)), STATURE_M,
+    )  # fmt: skip
+
+
+_CLOCK_SD_S: Final = 1.0
+
+
+def residuals_px(found: PeopleSolution) -> Float64:
+    """Return the median residual (cameras,) of each camera's keypoints [px]."""
+    r = np.linalg.norm(found.adjusted.residual_px, axis=1)
+    return np.array([
+        float(np.median(r[found.views.camera == c])) if (found.views.camera == c).any() else float("nan")
+        for c in range(len(found.names))
+    ])  # fmt: skip
