@@ -52,6 +52,7 @@ def test_a_camera_says_its_unit_and_lens_and_gives_its_images(kind: str) -> None
     camera = complete(state, source.name)
     assert state.unit_m == pytest.approx(MAKERS[kind][-1])
     assert state.fps == 30
+    assert state.colour is None
     assert camera.size_px == ((640, 480) if kind == "freenect" else SIZE)
     assert state.problems == ()
     pictures = [source.read(STOP) for _ in range(3)]
@@ -229,3 +230,49 @@ def test_stamps_that_jump_begin_a_new_count_and_time_still_rises() -> None:
     assert second is not None
     assert third is not None
     assert first.time_ns < second.time_ns < third.time_ns < 102e9
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_a_camera_with_colour_gives_pairs_of_one_instant(kind: str) -> None:
+    _, source = made(kind, DepthOptions(colour=True))
+    state = source.open()
+    assert state.colour is not None
+    for _ in range(3):
+        picture = source.read(STOP)
+        assert picture is not None
+        assert picture.colour is not None
+        assert picture.colour.shape == (*picture.image.shape[:2], 3)
+        blue, green, red = picture.colour[0, 0].tolist()
+        assert (blue, green) == (0, 7)  # blue, green, red
+        if kind != "freenect":
+            assert int(picture.image[0, 0]) == 700 + red
+    source.close()
+
+
+@pytest.mark.parametrize("kind", ["realsense", "orbbec"])
+def test_the_motion_between_both_cameras_is_the_packages(kind: str) -> None:
+    _, source = made(kind, DepthOptions(colour=True))
+    colour = source.open().colour
+    assert colour is not None
+    T = np.array(colour.T_colour_depth)
+    assert T[:3, :3] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]))  # columns and rows are not mixed up
+    assert T[:3, 3] == pytest.approx([0.015, 0.0, 0.001])
+    assert colour.size_px == SIZE
+
+
+@pytest.mark.parametrize("kind", ["openni", "freenect"])
+def test_depth_that_the_device_registers_has_the_colour_cameras_lens(kind: str) -> None:
+    camera, source = made(kind, DepthOptions(colour=True))
+    state = source.open()
+    assert state.colour is not None
+    assert state.colour.T_colour_depth is None
+    assert state.colour.lens == state.lens
+    if kind == "openni":
+        assert camera.asked["registration"] == 1
+
+
+def test_a_camera_without_colour_says_so() -> None:
+    camera = FakeCamera(100)
+    source = OpenNiCamera("0", "openni:0", DepthOptions(colour=True), package=openni2(camera, registers=False))
+    with pytest.raises(InputError, match="no colour images"):
+        source.open()

@@ -36,9 +36,7 @@ def run_session(session: StudySession, make: Callable[[int], ScoredTracker], fra
         return tracker
 
     replay = session.replay
-    reference, *others = replay.sensors
-    layout = {reference: np.eye(4), **dict.fromkeys(others, replay.T_reference_second)}
-    return run_causally(left_out, replay.sensors, frames.arrivals, layout)
+    return run_causally(left_out, replay.sensors, frames.arrivals, dict(replay.T_reference_sensor))
 
 
 def people_at(run: CausalRun, arrivals: Int64, logged: Int64) -> tuple[PersonThen | None, ...]:

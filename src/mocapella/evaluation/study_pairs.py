@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Final
 
@@ -69,13 +70,14 @@ class StudySession:
 
     Args:
         log: the file as read; unchanged.
+        by_angle: whether sensors, any number, are placed by their logged angles, as in `StudyReplay`.
 
     Attributes:
         log: the file's rows, with `corrected_tasks`.
         replay: the sensors' frames, reconstructed from the log.
         participant: Study_Id.
         placement: name of the sensors' placement, as in the thesis' tables.
-        pairs: all pairs of rows.
+        pairs: all pairs of rows; of more than two sensors, the pairs of each two.
         frames: all frames of the replay.
         raw: (rows, joints, 3) each row's view in its own sensor's camera space [m].
         sensor: (rows,) index in ``replay.sensors``.
@@ -85,15 +87,15 @@ class StudySession:
         InputError: the file has several participants, or its frames cannot be reconstructed.
     """
 
-    def __init__(self, log: StudyLog) -> None:
+    def __init__(self, log: StudyLog, *, by_angle: bool = False) -> None:
         self.log = msgspec.structs.replace(log, scenario_id=corrected_tasks(log))
-        self.replay = StudyReplay(self.log)
+        self.replay = StudyReplay(self.log, by_angle=by_angle)
         self.participant = int(log.study_id[0])
         if (log.study_id != self.participant).any():
             raise InputError("the file has several participants", file=log.source, field="Study_Id", fix="split it")
         self.placement = PLACEMENT_NAMES.get(self.replay.placement, self.replay.placement)
-        self.pairs = pairs_of(self.log)
-        self._sensor_names = sensor_names(self.log, np.arange(len(log)), STUDY_SENSORS)
+        self.pairs = pairs_of(self.log) if len(self.replay.sensors) < 3 else pairs_of_each_two(self.log)
+        self._sensor_names = sensor_names(self.log, np.arange(len(log)), STUDY_SENSORS, None)
         self.frames = self._frames(tuple(self.replay.arrivals()))
         arrivals = self.frames.arrivals
         names = [arrivals[k].frame.sensor for k in self.frames.of_row]
@@ -143,6 +145,18 @@ def pairs_of(log: StudyLog) -> Pairs:
     starts = (np.cumsum(counts) - counts)[counts >= 2]
     rows = np.stack([order[starts], order[starts + 1]], axis=1)
     return Pairs(rows, log.person_id[rows[:, 0]], log.scenario_id[rows[:, 0]])
+
+
+def pairs_of_each_two(log: StudyLog) -> Pairs:
+    """Pair the rows of each two sensors, as `pairs_of` does; one pair of sensors after the other."""
+    found = []
+    for two in combinations(dict.fromkeys(log.kinect_id.tolist()), 2):
+        rows = np.flatnonzero(np.isin(log.kinect_id, two))
+        names = [name for name in StudyLog.__struct_fields__ if name != "source"]
+        pairs = pairs_of(StudyLog(log.source, **{name: getattr(log, name)[rows] for name in names}))
+        distinct = log.kinect_id[rows[pairs.rows[:, 0]]] != log.kinect_id[rows[pairs.rows[:, 1]]]
+        found.append(Pairs(rows[pairs.rows], pairs.person, pairs.task).where(distinct))
+    return Pairs(*(np.concatenate([getattr(one, name) for one in found]) for name in Pairs.__struct_fields__))
 
 
 def study_sessions(

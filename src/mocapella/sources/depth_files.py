@@ -41,12 +41,14 @@ class RecordedDepth:
         depth: (height, width) uint16 distance along the optical axis, in the recording's unit; 0 where nothing was
             measured. None if the image is unreadable.
         problem: why it is unreadable; empty if it is readable.
+        colour: (height, width, 3) uint8 BGR image of the same instant; None if there is none.
     """
 
     file: str
     time_ns: int
     depth: UInt16 | None
     problem: str = ""
+    colour: NDArray[np.uint8] | None = None
 
 
 class DepthRecording(Protocol):
@@ -76,6 +78,10 @@ class DepthSidecar:
         raw: ``kinect-raw`` if the images are a Kinect v1's disparities; empty if they are depths.
         lens: F, CX, CY, or FX, FY, CX, CY [px], or these four and the distortion K1, K2, P1, P2, K3.
         fps: frame rate [Hz].
+        colour_lens: lens of the colour images beside the depth images, as ``lens``; without it, the depth images are
+            registered to the colour images, pixel by pixel.
+        colour_from_depth: 12 numbers, the rows [R | t] of the motion from the depth camera's frame to the colour
+            camera's, t in metres; with ``colour_lens`` only.
 
     Raises:
         SettingsError: a value is invalid.
@@ -85,12 +91,20 @@ class DepthSidecar:
     raw: str = ""
     lens: tuple[float, ...] | None = None
     fps: float | None = None
+    colour_lens: tuple[float, ...] | None = None
+    colour_from_depth: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.raw not in ("", KINECT_RAW):
             raise SettingsError(f"raw is {self.raw!r}; {KINECT_RAW!r} is wanted, or nothing")
         if self.lens is not None and lens_of(self.lens) is None:
             raise SettingsError(f"lens is {list(self.lens)}; [F, CX, CY] or [FX, FY, CX, CY] in pixels is wanted")
+        if self.colour_lens is not None and lens_of(self.colour_lens) is None:
+            raise SettingsError(f"colour_lens is {list(self.colour_lens)}; [FX, FY, CX, CY] in pixels is wanted")
+        T = self.colour_from_depth
+        if T is not None and (self.colour_lens is None or not _is_motion(T)):
+            wanted = "the rows [R | t] of a rotation and a translation in metres"
+            raise SettingsError(f"colour_from_depth wants colour_lens, and 12 numbers: {wanted}")
         for name, value in (("unit_m", self.unit_m), ("fps", self.fps)):
             if value is not None and not 0 < value < float("inf"):
                 raise SettingsError(f"{name} is {value}; a number above 0 is wanted")
@@ -231,6 +245,15 @@ def read_sidecar(path: Path) -> DepthSidecar:
         return parse(DepthSidecar, data, where=str(path))
     except SettingsError as error:
         raise InputError(str(error).removeprefix(f"{path}: "), file=path, fix=fix) from error
+
+
+def _is_motion(rows: tuple[float, ...]) -> bool:
+    """Return whether 12 numbers are the rows [R | t] of a rotation and a translation below 1 m."""
+    if len(rows) != 12 or not np.isfinite(rows).all():
+        return False
+    T = np.reshape(rows, (3, 4))
+    turned = np.abs(T[:, :3] @ T[:, :3].T - np.eye(3)).max() < 1e-3 and np.linalg.det(T[:, :3]) > 0
+    return bool(turned and np.abs(T[:, 3]).max() < 1.0)
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -67,6 +67,7 @@ class DepthOptions:
         lens: (9,) intrinsics and distortion: fx fy cx cy [px], k1 k2 p1 p2 k3.
         fps: frame rate to assume for files, or to request from a camera [Hz].
         size_px: (width, height) to request from a camera.
+        colour: whether colour images of the same instants are wanted.
 
     None keeps the file's or camera's own value. Nothing is checked here: see `complete` and `UnitCheck`.
     """
@@ -76,6 +77,7 @@ class DepthOptions:
     lens: tuple[float, ...] | None = None
     fps: float | None = None
     size_px: tuple[int, int] | None = None
+    colour: bool = False
 
 
 def parse_unit(text: str | None) -> tuple[float | None, bool]:

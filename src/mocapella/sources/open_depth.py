@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from mocapella.errors import SettingsError
+from mocapella.errors import InputError, SettingsError
+from mocapella.sources.colour_depth_files import ColourDepthFiles
 from mocapella.sources.depth_cameras import CAMERAS, camera_class
 from mocapella.sources.depth_files import DepthFiles, DepthRecording
 from mocapella.sources.depth_options import KINECT_RAW, DepthOptions
@@ -43,7 +44,7 @@ def open_depth(
     Raises:
         SettingsError: the name has none of these forms, there is no such scene, or the options ask for disparities of a
             source without them.
-        InputError: files cannot be read.
+        InputError: files cannot be read, or colour is wanted of a recording without it.
     """
     options = options or DepthOptions()
     kind, colon, which = text.partition(":")
@@ -56,7 +57,12 @@ def open_depth(
 
         return open_rendered(which, text, options)
     if (recording := recorded(text)) is not None:
+        if options.colour:
+            fix = "name a folder with depth images and colour images"
+            raise InputError("is a take, whose depth images have no colour images beside them", file=text, fix=fix)
         return PacedDepth(recording, loop=loop)
     if not text or (colon and not Path(text).exists() and len(kind) > 1):  # a single letter is a drive of Windows
         raise SettingsError(f"source {text!r} cannot be used; name {KINDS}")
+    if options.colour:
+        return PacedDepth(ColourDepthFiles(Path(text), options), loop=loop)
     return PacedDepth(DepthFiles([Path(text)], options), loop=loop)

@@ -62,7 +62,7 @@ class PacedDepth:
                 return None
             self._last_ns = max(due_ns + 1, self._last_ns + 1)
             number, self._number = self._number, self._number + 1
-            return Picture(image.depth, self._last_ns, number, self._clock(), read_s)
+            return Picture(image.depth, self._last_ns, number, self._clock(), read_s, image.colour)
         return None
 
     def close(self) -> None:

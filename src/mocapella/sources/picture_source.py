@@ -36,6 +36,7 @@ class Picture:
         number: number of images that the source has given before this one.
         ready_s: time at which the decoded image was available, on this machine's monotonic clock [s].
         retrieval_s: duration of the decoding, without the wait for the image [s].
+        colour: (height, width, 3) uint8 BGR of the same instant, of a depth camera with colour; else None.
     """
 
     image: Image
@@ -43,11 +44,28 @@ class Picture:
     number: int
     ready_s: float
     retrieval_s: float
+    colour: NDArray[np.uint8] | None = None
 
     @property
     def size_px(self) -> tuple[int, int]:
         """(width, height) of the image."""
         return self.image.shape[1], self.image.shape[0]
+
+
+@dataclass(frozen=True)
+class ColourCamera:
+    """The colour camera of a depth camera.
+
+    Attributes:
+        size_px: (width, height) of its images.
+        lens: (9,) its intrinsics, see `mocapella.geometry.lens`.
+        T_colour_depth: rows of the (4, 4) motion from the depth camera's frame to the colour camera's, both x right, y
+            down, z out of the lens [m]; None if the depth images are registered to the colour images, pixel by pixel.
+    """
+
+    size_px: tuple[int, int]
+    lens: tuple[float, ...]
+    T_colour_depth: tuple[tuple[float, ...], ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +80,7 @@ class SourceState:
             with a remedy.
         unit_m: length of a unit of a depth camera's image [m]; None if unknown, or no depth camera.
         lens: (9,) intrinsics of a depth camera, see `mocapella.geometry.lens`; None if unknown, or no depth camera.
+        colour: the colour camera of a depth camera that gives colour images, too; else None.
     """
 
     size_px: tuple[int, int] | None = None
@@ -70,6 +89,7 @@ class SourceState:
     problems: tuple[str, ...] = ()
     unit_m: float | None = None
     lens: tuple[float, ...] | None = None
+    colour: ColourCamera | None = None
 
 
 class PictureSource(Protocol):

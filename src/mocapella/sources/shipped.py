@@ -65,6 +65,14 @@ MARKERS: Final = Source(
     command="mocapella.cli.markers:markers",
     looks="mocapella.sources.device_checks:cameras",
 )
+KEYPOINTS: Final = Source(
+    interface=1,
+    name="keypoints",
+    summary="A webcam or a film: the keypoints of the people in its images.",
+    frame_types=("keypoints",),
+    command="mocapella.cli.node_keypoints:keypoints",
+    looks="mocapella.sources.device_checks:cameras",
+)
 ARM: Final = Source(
     interface=1,
     name="arm",
@@ -72,6 +80,13 @@ ARM: Final = Source(
     frame_types=("arms", "depth"),
     command="mocapella.cli.node_arm:node_arm",
     looks="mocapella.sources.device_checks:depth_cameras",
+)
+RGBD: Final = Source(
+    interface=1,
+    name="rgbd",
+    summary="A depth camera with colour: people's joints, by keypoints and depth.",
+    frame_types=("skeletons",),
+    command="mocapella.cli.node_rgbd:rgbd",
 )
 AZURE_KINECT: Final = Source(
     interface=1,

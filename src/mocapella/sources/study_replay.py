@@ -24,6 +24,7 @@ from mocapella.model.topology import topology
 from mocapella.sources.recorded_track import MAX_LENGTH, MAX_STEP_BACK, ONE_RUN, RecordedTrack, ReplayReport, order_rows
 from mocapella.sources.study_sensors import (
     STUDY_SENSORS,
+    motion_by_angle,
     motions_of_people,
     nominal_motion,
     reference_kinect,
@@ -39,18 +40,21 @@ _KINECT_V2: Final = topology("kinect_v2")
 
 
 class StudyReplay:
-    """A study log as one or two sensors. The constructor sorts the rows into frames.
+    """A study log as sensors, one or two unless they are placed by angle. The constructor sorts the rows into frames.
 
     Args:
         log: the study log.
         sensors: the end of a ``Kinect_Id`` → the sensor's name; see `mocapella.sources.study_sensors.sensor_names`.
         placement: the placement to replay, or None for the file's only one. A file that states −9999 is assumed to have
             the one given.
+        by_angle: whether sensors, any number, are placed by their logged angles about the axis where people stood, and
+            not by the placement.
 
     Attributes:
         log: the file.
         sensors: names of the sensors, the reference sensor first.
         placement: key of `mocapella.model.session.PLACEMENTS`; empty if the file has one sensor and states none.
+        T_reference_sensor: (4, 4) by sensor, from its nominal camera frame to the reference's.
         T_reference_second: (4, 4), from the nominal camera frame of the second sensor to the reference's; the identity
             without a second sensor.
         T_reference_second_of: (4, 4) by person id; its inverse transforms the second sensor's logged skeletons of that
@@ -65,20 +69,33 @@ class StudyReplay:
     """
 
     def __init__(
-        self, log: StudyLog, *, sensors: Mapping[str, str] = STUDY_SENSORS, placement: str | None = None
+        self,
+        log: StudyLog,
+        *,
+        sensors: Mapping[str, str] = STUDY_SENSORS,
+        placement: str | None = None,
+        by_angle: bool = False,
     ) -> None:
         self.log = log
-        rows, self.placement = rows_of_placement(log, placement)
-        names = sensor_names(log, rows, sensors)
+        rows, self.placement = (np.arange(len(log)), "") if by_angle else rows_of_placement(log, placement)
+        names = sensor_names(log, rows, sensors, None if by_angle else 2)
         reference = reference_kinect(log, rows, names)
         kinects = sorted(names, key=lambda kinect: kinect != reference)
         self.sensors = tuple(names[kinect] for kinect in kinects)
-        self.T_reference_second = nominal_motion(log, rows, self.placement) if len(kinects) == 2 else np.eye(4)
-        self.T_reference_second_of = motions_of_people(log, rows, self.T_reference_second)
-        motions = (dict.fromkeys(self.T_reference_second_of, np.eye(4)), self.T_reference_second_of)
+        self.T_reference_sensor = {reference_name: np.eye(4) for reference_name in self.sensors[:1]}
+        people = np.unique(log.person_id[rows]).tolist()
+        motions = {reference: dict.fromkeys(people, np.eye(4))}
+        for kinect in kinects[1:]:
+            both = rows[np.isin(log.kinect_id[rows], (reference, kinect))]
+            T = motion_by_angle(log, both) if by_angle else nominal_motion(log, both, self.placement)
+            self.T_reference_sensor[names[kinect]] = T
+            motions[kinect] = dict.fromkeys(people, T) | motions_of_people(log, both, T)
+        second = kinects[1] if len(kinects) > 1 else reference
+        self.T_reference_second = self.T_reference_sensor[names[second]]
+        self.T_reference_second_of = motions[second]
         self._tracks = {
-            names[kinect]: _track(log, rows[log.kinect_id[rows] == kinect], names[kinect], T_reference_sensor_of)
-            for kinect, T_reference_sensor_of in zip(kinects, motions, strict=False)
+            names[kinect]: _track(log, rows[log.kinect_id[rows] == kinect], names[kinect], motions[kinect])
+            for kinect in kinects
         }
         tracks = self._tracks.values()
         self.report = ReplayReport(

@@ -81,7 +81,9 @@ def rows_of_placement(log: StudyLog, wanted: str | None) -> tuple[NDArray[np.int
     return np.flatnonzero(log.kinect_config == number), placements[number]
 
 
-def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, str]) -> dict[str, str]:
+def sensor_names(
+    log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, str], most: int | None = 2
+) -> dict[str, str]:
     """Return the names of the sensors by their ``Kinect_Id``, in the order of appearance in the ``rows`` (k,).
 
     An id that ends in none of ``sensors`` is itself the name, with ``-`` in place of invalid characters, and
@@ -91,14 +93,15 @@ def sensor_names(log: StudyLog, rows: NDArray[np.intp], sensors: Mapping[str, st
         log: the file.
         rows: (k,) indices of the rows to use.
         sensors: the end of a ``Kinect_Id`` → the sensor's name, such as `STUDY_SENSORS`.
+        most: largest number of sensors; None for any.
 
     Raises:
-        InputError: there are more than two sensors.
+        InputError: there are more sensors.
         SettingsError: a name is invalid, or shared by two Kinects.
     """
     kinects, first = np.unique(log.kinect_id[rows], return_index=True)
     first = np.sort(first)
-    if len(kinects) > 2:
+    if most is not None and len(kinects) > most:
         fix = "a log does not say where a third sensor stood: replay the take that it was exported from"
         refuse(log, rows[first[2:]], "kinect_id", "is a third sensor, and a replay places two", fix)
     names: dict[str, str] = {}
@@ -217,18 +220,41 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
     if turn == 0.0:
         return rigid.rigid(np.eye(3), (PARALLEL_DISTANCE, 0.0, 0.0))
     logged = _logged_turn(log, rows)
-    turn = turn if logged == 0.0 else np.copysign(turn, logged)
+    turn = np.copysign(turn, logged) if logged else turn
     R, axis = rigid.rotation_about_y(turn), np.array([0.0, 0.0, TURNING_DISTANCE])
     return rigid.rigid(R, axis - R @ axis)
 
 
-def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float:
-    """θ of the second sensor minus θ of the reference, of the first person with both angles [rad]; 0 without any."""
+def motion_by_angle(log: StudyLog, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return ``T_reference_sensor`` (4, 4) of a sensor by its logged angle alone, as `nominal_motion` by a placement.
+
+    Args:
+        log: the file.
+        rows: (k,) indices of the rows of the reference sensor and of that sensor.
+
+    Raises:
+        InputError: no person has the angles of both.
+    """
+    turn = _logged_turn(log, rows)
+    if turn is None:
+        raise InputError(
+            "the file does not say how its sensors stood",
+            file=log.source,
+            field=TITLES["init_angle"],
+            value=NOT_AVAILABLE,
+            fix="log the stand-still angles of all sensors",
+        )
+    R, axis = rigid.rotation_about_y(turn), np.array([0.0, 0.0, TURNING_DISTANCE])
+    return rigid.rigid(R, axis - R @ axis)
+
+
+def _logged_turn(log: StudyLog, rows: NDArray[np.intp]) -> float | None:
+    """θ of the second sensor minus θ of the reference, of the first person with both angles [rad]; None without any."""
     for person in np.unique(log.person_id[rows]).tolist():
         turn = _turn_of_person(log, rows[log.person_id[rows] == person])
         if turn is not None:
             return turn
-    return 0.0
+    return None
 
 
 def _turn_of_person(log: StudyLog, rows: NDArray[np.intp]) -> float | None:

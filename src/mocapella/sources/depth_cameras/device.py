@@ -31,11 +31,13 @@ JUMP_S: Final = 0.5
 class Stamped(NamedTuple):
     """A depth image (height, width) in the device's unit, and its capture time on the device's clock [s].
 
-    The time is None if the device gives none.
+    The time is None if the device gives none. ``colour`` is the (height, width, 3) uint8 BGR image of the same instant,
+    None if it is not wanted.
     """
 
     depth: UInt16
     at_s: float | None
+    colour: NDArray[np.uint8] | None = None
 
 
 class DepthDevice(ABC):
@@ -145,7 +147,7 @@ class DepthDevice(ABC):
             if found is not None:
                 self._last_ns = max(round(self._at(found.at_s, came_s) * NS_PER_S), self._last_ns + 1)
                 number, self._number = self._number, self._number + 1
-                return Picture(found.depth, self._last_ns, number, came_s, 0.0)
+                return Picture(found.depth, self._last_ns, number, came_s, 0.0, found.colour)
             if came_s >= lost_s:
                 return None
         return None
@@ -189,6 +191,18 @@ class DepthDevice(ABC):
             kind = self.name.partition(":")[0]
             raise SettingsError(f"source {self.name!r} cannot be used; write {kind}:0 for the first camera")
         return int(self.which)
+
+
+def bgr(values: Any, height: int, width: int) -> NDArray[np.uint8]:
+    """Return the image (height, width, 3) uint8 BGR of bytes in the order red, green, blue; a copy."""
+    return np.ascontiguousarray(np.frombuffer(values, np.uint8).reshape(height, width, 3)[..., ::-1])
+
+
+def motion_rows(rotation: Any, translation_m: Any) -> tuple[tuple[float, ...], ...]:
+    """Return the rows of the (4, 4) motion of a rotation (3, 3) and a translation (3,) [m]."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation, translation_m
+    return tuple(tuple(map(float, row)) for row in T)
 
 
 def none_there(name: str, count: int) -> InputError:

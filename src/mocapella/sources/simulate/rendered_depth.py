@@ -7,19 +7,28 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError
 from mocapella.sources.depth_files import RecordedDepth
 from mocapella.sources.depth_options import DepthOptions
-from mocapella.sources.picture_source import Image, SourceState
+from mocapella.sources.picture_source import ColourCamera, Image, SourceState
 from mocapella.sources.simulate.rendered_source import RenderedSource
 
 if TYPE_CHECKING:
     from mocapella.sources.simulate.depth_scene import Shot
 
 USUAL_FPS: Final = 30.0
+_PAINT: Final = np.array(
+    [(30, 30, 30), (110, 115, 120), (205, 205, 200), (160, 90, 40), (50, 120, 60), (60, 60, 170), (120, 60, 120)],
+    np.uint8,
+)
+"""Colours (n, 3) of nothing, floor, wall and the people of a room, blue, green, red."""
 ROOM: Final = "room-"
 """Prefix of the name of a room's scene, with people from head to foot."""
+RENDERED_ROOM: Final = "rendered:room-SCENE/SEED/SENSOR/VIEW, such as rendered:room-walk/0/kinect/right"
 
 
 class RenderedScene(Protocol):
@@ -77,8 +86,16 @@ class RenderedDepth(RenderedSource):
 
     def render(self, at_s: float) -> Image:
         """Render the image, (height, width) uint16 in the scene's unit, at a time on the scene's clock [s]."""
-        image: Image = self.scene.at(at_s).depth
+        shot = self.scene.at(at_s)
+        if self.options.colour:
+            self.colour = coloured(shot)
+        image: Image = shot.depth
         return image
+
+
+def coloured(shot: Any) -> NDArray[np.uint8]:
+    """Return a colour image (height, width, 3) uint8 BGR of a `room_depth.RoomShot`: one colour for each thing."""
+    return np.asarray(_PAINT[np.minimum(shot.parts, len(_PAINT) - 1)])
 
 
 class RenderedRecording:
@@ -113,13 +130,16 @@ def open_rendered(which: str, name: str, options: DepthOptions | None = None) ->
     """Return the image source of a simulated depth camera.
 
     Args:
-        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR; the seed is 0 and the sensor a Kinect if not given.
+        which: the scene: NAME, NAME/SEED, NAME/SEED/SENSOR or, of a room, NAME/SEED/SENSOR/VIEW, a sensor of the room
+            from whose place it is seen; the seed is 0 and the sensor a Kinect if not given.
         name: name of the source, as the user wrote it.
         options: the user's parameters of the camera; None if none is given.
 
     Raises:
-        SettingsError: unknown scene or sensor, or the seed is not a number.
+        SettingsError: unknown scene, sensor or view, the seed is not a number, or colour is wanted of a scene of arms.
     """
+    if options is not None and options.colour and not which.startswith(ROOM):
+        raise SettingsError(f"source {name!r} has no colour; write {RENDERED_ROOM}")
     return RenderedDepth(rendered_scene(which, name), name, options)
 
 
@@ -127,21 +147,22 @@ def rendered_scene(which: str, name: str) -> RenderedScene:
     """Load a scene of people if ``which`` begins with `ROOM`, else of arms.
 
     Args:
-        which: the scene: NAME, NAME/SEED or NAME/SEED/SENSOR; the seed is 0 and the sensor a Kinect if not given.
+        which: the scene, see `open_rendered`.
         name: name of the source, as the user wrote it, for errors.
 
     Raises:
         SettingsError: unknown scene or sensor, or the seed is not a number.
     """
     scene, _, rest = which.partition("/")
-    seed, _, sensor = rest.partition("/")
+    seed, _, rest = rest.partition("/")
+    sensor, _, view = rest.partition("/")
     if seed and not (seed.isascii() and seed.isdigit()):
         raise SettingsError(f"source {name!r} cannot be used; write rendered:NAME, or rendered:NAME/SEED/SENSOR")
     chosen = {"sensor": sensor} if sensor else {}
     if scene.startswith(ROOM):
         from mocapella.sources.simulate.room_depth import room_depth_scene
 
-        return room_depth_scene(scene.removeprefix(ROOM), seed=int(seed or 0), **chosen)
+        return room_depth_scene(scene.removeprefix(ROOM), seed=int(seed or 0), view=view, **chosen)
     from mocapella.sources.simulate.depth_scene import load_depth_scene
 
     return load_depth_scene(scene, seed=int(seed or 0), **chosen)
@@ -150,4 +171,6 @@ def rendered_scene(which: str, name: str) -> RenderedScene:
 def _state(scene: RenderedScene, o: DepthOptions, fps: float) -> SourceState:
     sensor = scene.sensor
     lens = tuple(map(float, scene.lens)) if o.lens is None else o.lens
-    return SourceState(sensor.size_px, fps, unit_m=sensor.unit_m if o.unit_m is None else o.unit_m, lens=lens)
+    colour = ColourCamera(sensor.size_px, lens) if o.colour else None
+    unit_m = sensor.unit_m if o.unit_m is None else o.unit_m
+    return SourceState(sensor.size_px, fps, unit_m=unit_m, lens=lens, colour=colour)

@@ -8,6 +8,9 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mocapella.conventions import NS_PER_S
 from mocapella.sources.picture_source import Image, Picture
 
@@ -26,6 +29,7 @@ class RenderedSource(ABC):
     Attributes:
         name, live, times: name as the user wrote it, whether a missing image means a lost camera, and the origin of the
             capture times in words.
+        colour: (height, width, 3) uint8 BGR of the last rendered image, of a depth camera with colour; else None.
     """
 
     live = False
@@ -36,6 +40,7 @@ class RenderedSource(ABC):
         self.name, self.times = name, "the scene's own"
         self._fps, self._phase_s, self._clock, self._zero_s = fps, phase_s, clock, 0.0
         self._turn = self._number = 0
+        self.colour: NDArray[np.uint8] | None = None
 
     @abstractmethod
     def render(self, at_s: float) -> Image:
@@ -66,7 +71,7 @@ class RenderedSource(ABC):
         if stop.wait(max(0.0, self._zero_s + at_s - self._clock())):
             return None
         number, self._number = self._number, self._number + 1
-        return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), rendered_s)
+        return Picture(image, round(at_s * NS_PER_S) + 1, number, self._clock(), rendered_s, self.colour)
 
     def close(self) -> None:  # noqa: B027 - no subclass needs to override it
         """Do nothing: no resources are held."""

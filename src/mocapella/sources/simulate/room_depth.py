@@ -5,20 +5,22 @@
     shot.depth, shot.unit_m, shot.people       # (480, 640) uint16, metres per unit, (people, 25, 3) joints
 
 Bones are tapered capsules with the same radii as for occlusion in the room (`body`), in front of a floor and a wall.
-Camera and noise are as in `depth_scene`. The camera has the pose of the room's first sensor; in the named scenes, it
-looks along the world's z axis.
+Camera and noise are as in `depth_scene`. The camera has the pose of a sensor of the room, by default of the first one,
+which in the named scenes looks along the world's z axis.
 """
 
 from __future__ import annotations
 
 import math
 import zlib
+from collections import deque
 from functools import cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.conventions import NS_PER_S
 from mocapella.geometry.rigid import apply, rigid
 from mocapella.sources.simulate.body import JOINT, body_template
 from mocapella.sources.simulate.depth_noise import measured
@@ -47,10 +49,12 @@ class RoomShot(Shot, frozen=True, eq=False):
         people: (people, 25, 3) joints of `mocapella.sources.simulate.body.BODY` in the camera frame [m].
         parts: (height, width) uint8 label of each pixel before noise: `FLOOR`, `WALL`, `FIRST_PERSON` and above; 0
             without a surface.
+        exact_m: (height, width) float32 depth before noise [m]; infinite without a surface.
     """
 
     people: Float64
     parts: UInt8
+    exact_m: Float32
 
 
 class RoomDepthScene:
@@ -60,6 +64,7 @@ class RoomDepthScene:
         room: the room with its people.
         sensor: the camera.
         seed: random seed of the noise.
+        view: name of the room's sensor whose pose the camera has; the first one's if empty.
 
     Attributes:
         room, sensor: as given.
@@ -67,14 +72,15 @@ class RoomDepthScene:
         period_s: period of everything except the noise [s].
     """
 
-    def __init__(self, room: Room, sensor: Sensor, seed: int) -> None:
+    def __init__(self, room: Room, sensor: Sensor, seed: int, view: str = "") -> None:
         self.room, self.sensor = room, sensor
-        first = room.settings.sensors[0]
-        R = np.diag([-1.0, -1.0, 1.0]) @ first.T_world_sensor[:3, :3].T  # a body sensor's x is to its left, its y up
-        self.T_camera_world = rigid(R, -R @ np.array(first.position))
+        placed = self._placed = room.settings.sensors[room.sensor_index(view or 1)]
+        R = np.diag([-1.0, -1.0, 1.0]) @ placed.T_world_sensor[:3, :3].T  # a body sensor's x is to its left, its y up
+        self.T_camera_world = rigid(R, -R @ np.array(placed.position))
         self.period_s = room.duration_s
-        self._key = zlib.crc32(f"{room.name}/{seed}".encode())
+        self._key = zlib.crc32(f"{room.name}/{seed}{view and '/'}{view}".encode())
         self._background = self._draw_background()
+        self._recent: deque[RoomShot] = deque(maxlen=4)
 
     @property
     def lens(self) -> Float64:
@@ -82,7 +88,25 @@ class RoomDepthScene:
         return np.array([*self.sensor.lens, *[0.0] * 5])
 
     def at(self, at_s: float) -> RoomShot:
-        """Render the depth image at a time since the room's start [s], with its ground truth."""
+        """Render the depth image at a time since the room's start [s], with its ground truth.
+
+        The last images are kept: who asks for one again, such as a simulated detector, gets it without rendering.
+        """
+        for shot in tuple(self._recent):
+            if shot.at_s == at_s:
+                return shot
+        shot = self._rendered(at_s)
+        self._recent.append(shot)
+        return shot
+
+    def near(self, time_ns: int) -> RoomShot:
+        """Return the image at a time since the room's start [ns]; see `at`."""
+        for shot in tuple(self._recent):
+            if round(NS_PER_S * shot.at_s) == time_ns:
+                return shot
+        return self.at(time_ns / NS_PER_S)
+
+    def _rendered(self, at_s: float) -> RoomShot:
         people = apply(self.T_camera_world, self.room.positions_at(round(1e9 * at_s)))
         depth, parts, slope = self._background[0].copy(), self._background[1].copy(), self._background[2].copy()
         for number, (joints, radii) in enumerate(zip(people, self.room.motion.radii, strict=True)):
@@ -97,7 +121,7 @@ class RoomDepthScene:
             depth, slope, noise, focal_px=self.sensor.lens[0], unit_m=self.sensor.unit_m,
             key=self._key + round(1e9 * at_s),
         )  # fmt: skip
-        return RoomShot(at_s, units, self.sensor.unit_m, self.lens, people, parts)
+        return RoomShot(at_s, units, self.sensor.unit_m, self.lens, people, parts, depth)
 
     def _limbs(self, joints: Float64, radii: Float64) -> list[tuple[Float64, Int64]]:
         """Meshes of each bone's capsule, the sides of the chest, and the head above the eyes."""
@@ -127,7 +151,7 @@ class RoomDepthScene:
         down = R @ np.array([0.0, -1.0, 0.0])
         ahead = R @ np.array([sight[0], 0.0, sight[2]]) / math.hypot(sight[0], sight[2])
         to_floor, to_wall = (n[0] * x + n[1] * y + n[2] for n in (down, ahead))
-        camera_m = self.room.settings.sensors[0].position[1]
+        camera_m = self._placed.position[1]
         with np.errstate(divide="ignore"):
             floor = np.where(to_floor > 0, camera_m / to_floor, np.inf)
             wall = np.where(to_wall > 0, WALL_M / to_wall, np.inf)
@@ -177,18 +201,19 @@ def _triangles(rings: int) -> Int64:
     return np.ascontiguousarray(np.concatenate(found))
 
 
-def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect") -> RoomDepthScene:
+def room_depth_scene(name: str, *, seed: int = 0, sensor: str = "kinect", view: str = "") -> RoomDepthScene:
     """Load the people of a room, seen by a depth camera.
 
     Args:
         name: one of `mocapella.sources.simulate.scenes.scene_names`.
         seed: random seed of the people's motion and of the noise.
         sensor: one of `depth_scene.depth_sensor_names`.
+        view: name of the room's sensor whose pose the camera has; the first one's if empty.
 
     Raises:
-        SettingsError: unknown scene or sensor; lists the known ones.
+        SettingsError: unknown scene, sensor or view; lists the known ones.
     """
-    return RoomDepthScene(load_scene(name, seed=seed), depth_sensor(sensor), seed)
+    return RoomDepthScene(load_scene(name, seed=seed), depth_sensor(sensor), seed, view)
 
 
 @cache

@@ -1,0 +1,154 @@
+"""Score cameras that people calibrated against the true ones, in simulated scenes and in recordings with a calibration.
+
+The rigs are compared after the rigid motion that aligns them best. Their scale is that of the true distance of two
+cameras, as if it had been measured with a tape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.calibration.keypoint_tracks import collect_tracks
+from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
+from mocapella.calibration.rig_from_people import RigFromPeopleSettings, solve_people
+from mocapella.geometry.rigid import inverse
+from mocapella.geometry.twists import log_motion
+from mocapella.model.camera import CameraRig
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.sources.simulate.crowd import crowd_scene
+
+Float64 = NDArray[np.float64]
+
+
+class RigErrorRow(msgspec.Struct, frozen=True):
+    """Errors of one rig.
+
+    Attributes:
+        name: the scene, or the recording.
+        seed: of the scene and of the samples.
+        lenses: whether the lenses were given.
+        position_mm, direction_deg: worst errors of a camera after the best rigid motion, scale by a camera distance.
+        focal_percent: worst error of a focal length; 0 if the lenses were given.
+        clock_ms: worst error of a clock relative to the first camera's.
+        stature_scale: true scale by the scale of the true mean stature, if people are simulated; NaN otherwise.
+        nees: mean normalised squared error of the poses relative to the first camera's; 1 if the stated covariance is
+            right.
+        stated_mm: worst stated standard deviation of a position.
+        good: whether the calibration says that it is good.
+    """
+
+    name: str
+    seed: int
+    lenses: bool
+    position_mm: float
+    direction_deg: float
+    focal_percent: float
+    clock_ms: float
+    stature_scale: float
+    nees: float
+    stated_mm: float
+    good: bool
+
+
+def run_scene(scene: str, seed: int, *, lenses: bool, seconds: float = 30.0) -> RigErrorRow:
+    """Calibrate the cameras of a simulated crowd.
+
+    Args:
+        scene: a name of `crowd_names`.
+        seed: of the simulation.
+        lenses: whether the lenses are given.
+        seconds: time of the scene that is used [s].
+
+    Raises:
+        SettingsError: unknown scene.
+        CalibrationError: the people do not determine the cameras.
+    """
+    made = crowd_scene(scene, seed=seed)
+    frames = [item.frame for item in made.frames()]
+    first = min(frame.time_ns for frame in frames)
+    kept = [frame for frame in frames if frame.time_ns - first <= seconds * 1e9]
+    stature = float(np.mean([person.stature for person in made.settings.people]))
+    return run_frames(kept, made.rig, scene, seed=seed, lenses=lenses, stature_m=stature)
+
+
+def run_frames(
+    frames: Sequence[KeypointFrame], true: CameraRig, name: str, *, seed: int = 0, lenses: bool = True,
+    stature_m: float = float("nan"), every_s: float = 0.2,
+) -> RigErrorRow:  # fmt: skip
+    """Calibrate the cameras of keypoint frames, and compare with the true rig.
+
+    Args:
+        frames: the frames of all cameras of the rig.
+        true: the true cameras.
+        name: of the row.
+        seed: of the random samples.
+        lenses: whether the lenses are given.
+        stature_m: true mean stature of the people [m]; NaN if unknown.
+        every_s: shortest interval between instants [s].
+
+    Raises:
+        CalibrationError: the people do not determine the cameras.
+    """
+    known = {key: placed.camera for key, placed in true.cameras.items()} if lenses else {}
+    settings = RigFromPeopleSettings(seed=seed, every_s=every_s)
+    solved = solve_people(collect_tracks(frames), known, settings)
+    far = _farthest(true)
+    apart = float(np.linalg.norm(_centre(true, far[0]) - _centre(true, far[1])))
+    found = place_rig(solved, RigScale(distance_m=apart, between=far))
+    scale = float("nan")
+    if np.isfinite(stature_m):
+        own = place_rig(solved, RigScale(stature_m=stature_m)).rig
+        scale = apart / float(np.linalg.norm(_centre(own, far[0]) - _centre(own, far[1])))
+    position, direction = pose_errors(found.rig, true)
+    names = list(found.rig.cameras)
+    focal = [found.rig.cameras[n].camera.lens[0] / true.cameras[n].camera.lens[0] - 1 for n in names]
+    clocks = np.array([found.rig.cameras[n].clock_s - true.cameras[n].clock_s for n in names])
+    return RigErrorRow(
+        name, seed, lenses, 1e3 * float(position.max()), math.degrees(float(direction.max())),
+        100 * float(np.abs(focal).max()), 1e3 * float(np.abs(clocks - clocks[0]).max()), scale,
+        float(np.mean(normalised_squares(found, true))),
+        max(c.position_sd_mm for c in found.cameras.values()), found.good,
+    )  # fmt: skip
+
+
+def _centre(rig: CameraRig, name: str) -> Float64:
+    return inverse(rig.cameras[name].T_camera_world)[:3, 3]
+
+
+def _farthest(rig: CameraRig) -> tuple[str, str]:
+    names = list(rig.cameras)
+    pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :]]
+    return max(pairs, key=lambda pair: float(np.linalg.norm(_centre(rig, pair[0]) - _centre(rig, pair[1]))))
+
+
+def pose_errors(found: CameraRig, true: CameraRig) -> tuple[Float64, Float64]:
+    """Return the errors of positions (cameras,) [m] and orientations (cameras,) [rad] after the best rigid motion.
+
+    The rotation is the mean of the cameras' own; the translation aligns the means of the positions.
+    """
+    names = list(found.cameras)
+    R = [true.cameras[n].T_camera_world[:3, :3].T @ found.cameras[n].T_camera_world[:3, :3] for n in names]
+    U, _, Vt = np.linalg.svd(np.sum(R, axis=0))
+    mean = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    p, q = (np.stack([_centre(rig, n) for n in names]) for rig in (true, found))
+    off = (q - q.mean(axis=0)) @ mean.T - (p - p.mean(axis=0))
+    turns = [math.acos(float(np.clip((np.trace(mean.T @ one) - 1) / 2, -1.0, 1.0))) for one in R]
+    return np.linalg.norm(off, axis=1), np.array(turns)
+
+
+def normalised_squares(found: RigFromPeople, true: CameraRig) -> Float64:
+    """Return eᵀ C⁻¹ e / 6 of the pose of each camera but the first, relative to the first."""
+    first, *others = found.rig.cameras
+    out = []
+    for name in others:
+        here, there = (
+            rig.cameras[name].T_camera_world @ inverse(rig.cameras[first].T_camera_world) for rig in (found.rig, true)
+        )
+        error, covariance = log_motion(there @ inverse(here)), found.rig.cameras[name].covariance
+        out.append(float(error @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ error) / 6)
+    return np.array(out)
