@@ -184,7 +184,7 @@ def _texts() -> list[Door]:
     ledger = NodeLedger.restored(LedgerRow("front", 7, 3, 12, 12, 2, True), True, [(3, 5), (8, 11)])
     so_far = TakeSoFar([4096], "take", 1, 9, 5, 60, {("front", 7): ledger})
     return [
-        of_bytes("camera rigs", [seeds.rig(), foreign],
+        of_bytes("camera rigs", [seeds.rig(), foreign, seeds.QUALISYS, seeds.STORAGE, seeds.STORAGE_XML],
                  lambda data: is_camera_rig(data) and decode_camera_rig(data), TEXT, 0.1),
         of_bytes("sensor layouts", [encode_layout(layout)], lambda data: is_layout(data) and decode_layout(data), TEXT,
                  0.3),
@@ -206,12 +206,14 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.comparison.joint_names import read_joint_map
     from mocapella.fusion import facing_model, joint_bias
     from mocapella.library.study_views import read_study_views
+    from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.model.rigged_mesh_file import load_rigged_mesh
     from mocapella.model.space import load_space
     from mocapella.recording.bodies_file import joints_of_people, read_followed_people, read_json
     from mocapella.recording.body_csv import is_body_csv, read_body_csv
     from mocapella.recording.bvh_file import read_bvh_joints
     from mocapella.recording.c3d_file import read_c3d
+    from mocapella.recording.detection_files import read_detections
     from mocapella.recording.image_tracks_file import read_image_tracks
     from mocapella.recording.keypoint_csv import read_csv_keypoints
     from mocapella.recording.measured_distances import read_measured_distances
@@ -243,6 +245,15 @@ def _files(folder: Path) -> list[Door]:
         of_file("Kinect v2 tables", folder / "kinect.csv", [seeds.kinect_table()], bodies, TEXT),
         of_file("image tracks", folder / "tracks.csv", [seeds.TRACKS], lambda path: read_image_tracks([path]), TEXT),
         of_file("keypoints", folder / "openpose" / "a_000000_keypoints.json", [seeds.OPENPOSE], keypoints, TEXT),
+        of_file("detections of a video", folder / "video.json", [seeds.MMPOSE, seeds.ALPHAPOSE],
+                 lambda path: read_detections([path]), TEXT),
+        of_file("tables of detections", folder / "detections.csv",
+                 [seeds.DEEPLABCUT, seeds.SLEAP, seeds.PEOPLE_TRACKS, seeds.TRACKS],
+                 lambda path: read_detections([path]), TEXT),
+        of_file("HDF5 of detections", folder / "detections.h5", seeds.detection_files(),
+                 lambda path: read_detections([path]), BYTES),
+        of_file("calibrations of cameras", folder / "storage" / "a.xml", [seeds.STORAGE_XML],
+                 lambda path: load_camera_rig(path.parent), TEXT),
         of_file("point recordings", folder / "points.csv", [seeds.POINTS], read_point_recording, TEXT),
         of_file("distances", folder / "far.csv", [b"distance_cm,disparity_px\n100,5\n"],
                  read_measured_distances, TEXT),
@@ -288,6 +299,7 @@ def _settings_files(folder: Path) -> list[Door]:
     from mocapella.model.hand_file import encode_hand_shape
     from mocapella.sensing.colour_profile import load_profile
     from mocapella.settings import parse
+    from mocapella.sources.simulate.keypoint_errors import read_detectors
     from mocapella.sources.simulate.measured import errors_from_json
     from mocapella.sources.simulate.scenes import read_scene
     from mocapella.studies.planner.planned_room import example_room, read_room
@@ -298,6 +310,7 @@ def _settings_files(folder: Path) -> list[Door]:
     layout = encode_layout(SensorLayout(1, True, {}, []))
     start = {"start": {"root_twist": [0, 0, 3, 0, 0, 0]}, "model": "a", "mesh": seeds.base64_mesh(folder)}
     errors = seeds.package_file("mocapella.sources.simulate", "kinect_v2_measured.json")
+    detectors = seeds.package_file("mocapella.sources.simulate", "keypoint_errors.json")
 
     def bodies(data: bytes) -> object:
         return _starting(parse(BodySetup, decode_json(data, dict[str, Any])))
@@ -317,6 +330,7 @@ def _settings_files(folder: Path) -> list[Door]:
         of_file("rooms to plan", folder / "room.toml", [example_room().encode()], read_room, TEXT),
         of_file("scene files", folder / "scene.toml", [seeds.SCENE], read_scene, TEXT),
         of_bytes("sensor errors", [errors], lambda data: errors_from_json(data, "errors.json"), TEXT, 0.02),
+        of_bytes("errors of detectors", [detectors], lambda data: read_detectors(data, file="errors.json"), TEXT, 0.02),
         of_bytes("bodies with meshes", [msgspec.json.encode(start)], bodies, TEXT, 0.02),
         of_bytes("references to images", seeds.image_references(folder), seeds.resolve, TEXT, 0.1),
     ]  # fmt: skip
@@ -324,15 +338,20 @@ def _settings_files(folder: Path) -> list[Door]:
 
 def _studies(folder: Path) -> list[Door]:
     from mocapella.decoding import unpacked_streams
+    from mocapella.studies.parquet_log import parquet_log_blocks, write_parquet_log
     from mocapella.studies.progress import begin
     from mocapella.studies.protocol import load_protocol, plan, protocol_bytes
     from mocapella.studies.state_file import load_session, new_session
 
+    write_parquet_log(folder / "seed.parquet", seeds.study_rows())
+    parquet = (folder / "seed.parquet").read_bytes()
     founding = load_protocol("kinectmultitrack")
     session = new_session(founding, begin("P07", plan(founding, "P07"), 0))
     packed_data = [b"a" + gzip.compress(bytes(99)), zstandard.compress(bytes(99)), seeds.zipped(bytes(99))]
     return [
         of_bytes("unpacked streams", packed_data, lambda data: list(unpacked_streams(data, 1 << 20)), BYTES),
+        of_file("study logs in Parquet", folder / "log.parquet", [parquet],
+                lambda path: list(parquet_log_blocks(path, lambda error: None)), BYTES, share=0.05),
         of_file("study protocols", folder / "study.toml", [protocol_bytes("kinectmultitrack")], load_protocol, TEXT,
                 share=0.05),
         of_file("study sessions", folder / "session.json", [msgspec.json.encode(session)], load_session, TEXT,
@@ -344,8 +363,10 @@ def _memories() -> list[Door]:
     from mocapella.tracker import METHODS, make_tracker
     from mocapella.tracker.protocol import Tracker
 
-    trackers: dict[str, Tracker] = {name: make_tracker(name) for name in ("stand-still", "default", "arms")}
-    trackers |= {name: METHODS[name].warm_up_run()[0] for name in ("hands", "silhouettes")}
+    trackers: dict[str, Tracker] = {
+        name: make_tracker(name) for name in ("stand-still", "default", "arms", "one-webcam")
+    }
+    trackers |= {name: METHODS[name].warm_up_run()[0] for name in ("hands", "silhouettes", "webcams")}
     return [
         of_bytes(f"memories of {name}", [one.snapshot()], one.restore, (*BYTES, *[changed_memory] * 4), 0.3)
         for name, one in trackers.items()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import base64
 import io
+import pickle
 import zipfile
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -73,6 +74,84 @@ TRC: Final = (
     b"PathFileType\t4\nDataRate\tUnits\n30\tm\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n2\t0.1\t\t\t\n"
 )
 OPENPOSE: Final = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
+_INSTANCES: Final = (
+    b'"instances":[{"keypoints":['
+    + b",".join([b"[1.5,2.5]"] * 17)
+    + (b'],"keypoint_scores":[' + b",".join([b"0.9"] * 17) + b"]}]")
+)
+MMPOSE: Final = b'{"instance_info":[{"frame_id":1,' + _INSTANCES + b"}]}"
+ALPHAPOSE: Final = (
+    b'[{"image_id":"1.jpg","category_id":1,"idx":[3],"score":2.5,"keypoints":['
+    + b",".join([b"1.5,2.5,0.9"] * 26)
+    + b"]}]"
+)
+DEEPLABCUT: Final = b"""scorer,net,net,net,net,net,net
+individuals,a,a,a,b,b,b
+bodyparts,tail,tail,tail,tail,tail,tail
+coords,x,y,likelihood,x,y,likelihood
+0,1,2,0.9,3,4,0.8
+1,1,2,0.9,,,
+"""
+SLEAP: Final = b"""track,frame_idx,instance.score,tail.x,tail.y,tail.score
+a,0,0.9,1,2,0.5
+,1,0.9,1,2,
+"""
+PEOPLE_TRACKS: Final = b"""frame,camera,person,point,x_px,y_px,confidence,time_s
+0,a,anna,nose,1.5,2.5,0.9,0.0
+1,a,bert,nose,2.5,3.5,1,0.1
+"""
+QUALISYS: Final = (
+    b'<calibration><cameras><camera serial="a"><fov_video left="0" top="0" right="639" bottom="479"/>'
+    b'<transform r11="1" r12="0" r13="0" r21="0" r22="1" r23="0" r31="0" r32="0" r33="1" x="1" y="0" z="2"/>'
+    b'<intrinsic focalLengthU="64000" focalLengthV="64000" centerPointU="20480" centerPointV="15360" '
+    b'radialDistortion1="0" radialDistortion2="0" radialDistortion3="0" tangentalDistortion1="0" '
+    b'tangentalDistortion2="0"/></camera></cameras></calibration>'
+)
+STORAGE: Final = b"""%YAML:1.0
+---
+names:
+   - "1"
+K_1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 600., 0., 320., 0., 600., 240., 0., 0., 1. ]
+Rot_1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]
+T_1: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., 0., 2. ]
+"""
+STORAGE_XML: Final = (
+    b'<?xml version="1.0"?><opencv_storage><Intrinsics type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>'
+    b"<data>600. 0. 320. 0. 600. 240. 0. 0. 1.</data></Intrinsics><CameraMatrix><rows>3</rows><cols>4</cols><dt>d</dt>"
+    b"<data>1. 0. 0. 0. 0. 1. 0. 0. 0. 0. 1. 2.</data></CameraMatrix></opencv_storage>"
+)
+
+
+def detection_files() -> list[bytes]:
+    """Return files of DeepLabCut and SLEAP in HDF5."""
+    import h5py
+
+    sleap, deeplabcut = io.BytesIO(), io.BytesIO()
+    with h5py.File(sleap, "w") as file:
+        file["tracks"], file["point_scores"] = np.ones((1, 2, 2, 3)), np.ones((1, 2, 3))
+        file["node_names"], file["track_names"] = [b"tail", b"snout"], [b"a"]
+    columns = pickle.dumps([("net", "tail", part) for part in ("x", "y", "likelihood")], 0)
+    with h5py.File(deeplabcut, "w") as file:
+        file.create_group("df").attrs["pandas_type"] = np.bytes_(b"frame_table")
+        rows = np.zeros(2, [("index", "<i8"), ("values_block_0", "<f8", (3,))])
+        rows["index"] = [0, 1]
+        file["df/table"] = rows
+        file["df/table"].attrs["values_block_0_kind"] = np.bytes_(columns)
+    return [sleap.getvalue(), deeplabcut.getvalue()]
+
+
 CALISCOPE: Final = b"sync_index,point_id,x_coord,y_coord,z_coord\n0,0,1,2,3\n1,0,1,2,3.5\n"
 _COLOUR: Final = (
     b'{"name":"red","seen":{"mean":[0.1,0.2],"covariance":[1.0,0.1,1.0],"luma":[1,2,3],"pixels":9},"area_px":50}'
@@ -140,17 +219,22 @@ def resolve(reference: bytes) -> object:
     return ReferencedImages().resolve(ImageFrame("cam", 0, 0, 1, 0, (16, 12), "file", reference))
 
 
-def study_log(folder: Path) -> bytes:
-    """Return a study log of three rows."""
+def study_rows() -> list[Any]:
+    """Return three rows of a study log."""
     from mocapella.model.study_log import YEAR_1_TO_1970_MS, StudyRow
-    from mocapella.recording.study_log import write_study_log
 
     now = YEAR_1_TO_1970_MS + 1_426_000_000_000
-    rows = [
+    return [
         StudyRow(1, 2, 3, now, 5, k, 7, 0.5, 1.5, "front", 0.0, 90.0, np.ones((25, 3), np.float32)) for k in range(3)
     ]
+
+
+def study_log(folder: Path) -> bytes:
+    """Return a study log of these rows as text."""
+    from mocapella.recording.study_log import write_study_log
+
     path = folder / "seed.csv"
-    write_study_log(path, rows)
+    write_study_log(path, study_rows())
     return path.read_bytes()
 
 

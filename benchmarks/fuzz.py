@@ -35,16 +35,18 @@ PARTS: Final = (
     "camera rigs", "sensor layouts", "hands", "boards", "runs of takes", "accounts of takes", "bodies' builds",
     "colours", "settings", "pairing codes", "key files", "session keys", "view tokens", "page requests",
     "page messages", "study logs", "study logs, packed", "Azure Kinect tables", "Kinect v2 tables", "image tracks",
-    "keypoints", "point recordings", "distances", "timestamps", "followed bodies", "named joints",
+    "keypoints", "detections of a video", "tables of detections", "HDF5 of detections", "calibrations of cameras",
+    "point recordings", "distances", "timestamps", "followed bodies", "named joints",
     "space alignments", "depth sidecars", "BVH", "keypoint tables", "joint maps", "C3D", "TRC", "facing models",
     "bias models", "depth images", "images .png", "images .jpg", "images .bmp", "images .tiff", "images .webp",
     "meshes .glb", "meshes .gltf", "settings files", "layout files", "rig files",
     "hand files", "board files", "colour files", "reference points", "rooms to plan",
-    "scene files", "sensor errors",
-    "bodies with meshes", "references to images", "unpacked streams", "study protocols",
+    "scene files", "sensor errors", "errors of detectors",
+    "bodies with meshes", "references to images", "unpacked streams", "study logs in Parquet", "study protocols",
     "study sessions",
     "memories of stand-still", "memories of default",
-    "memories of arms", "memories of hands", "memories of silhouettes", "contents of takes",
+    "memories of arms", "memories of one-webcam", "memories of hands", "memories of silhouettes",
+    "memories of webcams", "contents of takes",
 )  # fmt: skip
 """Names of the doors."""
 

@@ -80,6 +80,7 @@ PROGRAMS = (
     "live/test_thread_deaths.py",
     "live/test_node.py",
     "live/test_arm_node.py",
+    "live/test_rgbd_node.py",
     "live/test_azure_kinect_node.py",
     "live/test_body_files.py",
     "live/test_marker_node.py",

@@ -17,6 +17,7 @@ from mocapella.model.part_types import PART_TYPES
 
 pytest.importorskip("cv2")
 pytest.importorskip("pygltflib")
+pytest.importorskip("h5py")
 ROOT = Path(__file__).resolve().parent.parent
 
 

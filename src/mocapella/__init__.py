@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mocapella.library.comparing import Comparison, compare
     from mocapella.library.live import connect
     from mocapella.library.motion_tracks import MotionTracks
+    from mocapella.library.people_triangulation import TriangulatedPeople, triangulate_people
     from mocapella.library.recording import Recording, load
     from mocapella.library.tracking import track
     from mocapella.library.triangulation import TriangulatedPoints, triangulate
@@ -30,6 +31,7 @@ __all__ = [
     "Comparison",
     "MotionTracks",
     "Recording",
+    "TriangulatedPeople",
     "TriangulatedPoints",
     "__version__",
     "calibrate",
@@ -38,6 +40,7 @@ __all__ = [
     "load",
     "track",
     "triangulate",
+    "triangulate_people",
 ]
 
 _HOMES = {
@@ -45,6 +48,7 @@ _HOMES = {
     "Comparison": "mocapella.library.comparing",
     "MotionTracks": "mocapella.library.motion_tracks",
     "Recording": "mocapella.library.recording",
+    "TriangulatedPeople": "mocapella.library.people_triangulation",
     "TriangulatedPoints": "mocapella.library.triangulation",
     "calibrate": "mocapella.library.calibration",
     "compare": "mocapella.library.comparing",
@@ -52,6 +56,7 @@ _HOMES = {
     "load": "mocapella.library.recording",
     "track": "mocapella.library.tracking",
     "triangulate": "mocapella.library.triangulation",
+    "triangulate_people": "mocapella.library.people_triangulation",
 }
 """Module of each name, imported when the name is first used: commands start without them."""
 

@@ -28,6 +28,7 @@ VERBS = [
     ["take", "merge"],
     ["node", "simulate"],
     ["node", "markers"],
+    ["node", "keypoints"],
     ["node", "replay"],
     ["node", "bridge"],
     ["node", "datagrams"],
@@ -36,9 +37,12 @@ VERBS = [
     ["node", "azure-kinect"],
     ["node", "arm"],
     ["node", "camera"],
+    ["node", "rgbd"],
     ["calibrate", "space"],
     ["track", "arm"],
+    ["triangulate"],
     ["replay"],
+    ["people"],
     ["compare"],
     ["record"],
     ["export", "study-log"],
@@ -93,13 +97,18 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-one-camera"],
     ["lab", "evaluate", "silhouettes-wrong-frame"],
     ["lab", "evaluate", "silhouettes-jitter-limit"],
+    ["lab", "evaluate", "webcams"],
+    ["lab", "evaluate", "rgbd"],
     ["calibrate", "cameras"],
     ["calibrate", "colours", "learn"],
     ["calibrate", "colours", "check"],
     ["calibrate", "board"],
+    ["calibrate", "people"],
+    ["lab", "evaluate", "rig-from-people"],
     ["lab", "train", "bias"],
     ["lab", "train", "facing"],
     ["lab", "train", "sensor-errors"],
+    ["lab", "train", "keypoint-errors"],
     ["track", "points"],
     ["track", "silhouettes"],
     ["lab", "depth", "fit"],
@@ -107,8 +116,8 @@ VERBS = [
     ["lab", "tune", "one-euro"],
     ["calibrate", "hand"],
 ]
-HIDDEN = {"lab", "plan"}
-"""Of these, what `mocapella --help` does not list: documents name the first, and its introduction the second."""
+HIDDEN = {"lab", "plan", "people", "triangulate"}
+"""Of these, what `mocapella --help` does not list: documents name the first, and its introduction the others."""
 READ_BY_PROGRAMS = [verb for verb in VERBS if verb != ["view"]]
 SCREEN = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -133,8 +142,8 @@ def test_every_verb_is_in_this_list() -> None:
         for length, name in enumerate(verb):
             groups.setdefault(" ".join(verb[:length]), set()).add(name)
     for group, names in groups.items():
-        shown = help_of(*group.split())
-        assert set(re.findall(r"^│ ([a-z][a-z0-9-]*) ", shown, flags=re.MULTILINE)) == names - HIDDEN
+        shown, unlisted = help_of(*group.split()), set() if group else HIDDEN
+        assert set(re.findall(r"^│ ([a-z][a-z0-9-]*) ", shown, flags=re.MULTILINE)) == names - unlisted
 
 
 def test_the_version_is_ours_and_the_schemas(tmp_path: Path) -> None:

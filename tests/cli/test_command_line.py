@@ -16,7 +16,7 @@ from mocapella.cli.serve import ServeKeys
 from mocapella.detectors import DETECTORS
 from mocapella.tracker.method import METHODS
 
-MOST_COMMANDS = 14
+MOST_COMMANDS = 16
 MOST_OPTIONS = 12
 DEFAULTS_DIFFER = {
     "--listen": "each protocol has its own port",
@@ -24,6 +24,7 @@ DEFAULTS_DIFFER = {
     "--seeds": "each evaluation keeps the seeds that its document quotes",
     "--methods": "as --seeds",
     "--bodies": "as --seeds",
+    "--detector": "arms have another default detector than keypoints, which a camera of images has not",
     "--space": "a node names its space; an alignment takes the only one; an export is in the world",
     "--sensor": "a simulated node has a first sensor; a plan has the kind of its room's file",
     "--sensors": "a server waits for one or more; a plan has the number of its room's file",
@@ -31,6 +32,7 @@ DEFAULTS_DIFFER = {
 }
 """Options with more than one default, each with the reason."""
 HELP_DIFFERS = {
+    "--detector": "of arms in depth images, or of keypoints in colour images",
     "--folds": "one of the two keeps the models",
     "--out": "a study log is never overwritten",
     "--rate": "of images that arrive, or of results that are interpolated",

@@ -268,6 +268,18 @@ def test_the_real_clip_begins_at_its_keypoints(single_person: Path, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_real_clip_begins_at_the_keypoints_of_all_people(single_person: Path, tmp_path):
+    videos = sorted((single_person / "videos").glob("*.mp4"))
+    found = result_here(
+        tmp_path, "track", "silhouettes", *map(str, videos), "--rig",
+        str(single_person / "calibration" / "Calib_qualisys.toml"), "--set", f"keypoints={single_person / 'pose'}",
+        "--set", "up=z", "--set", "other_size=crop", "--frames", "0:3",
+    )  # fmt: skip
+    assert found["summary"]["median_overlap"] > 0.7
+    assert found["summary"]["lost"] == 0
+
+
+@pytest.mark.slow
 def test_the_demo_follows_and_says_how_good_that_is(tmp_path):
     found = result_here(tmp_path, "demo", "silhouettes", "--scene", "t-pose", "--no-view", "--seed", "2")
     assert found["score"]["frames"] == found["scene_frames"] == found["summary"]["frames"] > 10

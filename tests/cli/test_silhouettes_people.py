@@ -7,10 +7,13 @@ import json
 import cv2
 import numpy as np
 import pytest
-from support.programs import result, run_here
+from support.programs import result, result_here, run_here
 
+from mocapella.detectors.keypoint_detector import SeenPeople
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
+from mocapella.model.openpose_names import LANDMARKS
+from mocapella.model.topology import topology
 from mocapella.recording.bodies_file import read_followed_people
 from mocapella.sources.simulate.silhouette_files import write_sequence
 from mocapella.sources.simulate.silhouette_scene import silhouette_scene
@@ -34,6 +37,28 @@ def folder(tmp_path_factory):
     for k, name in enumerate(NAMES):
         (where / f"{name}.json").write_text(json.dumps(joints_of(k)))
     (where / "both.json").write_text(json.dumps({name: joints_of(k) for k, name in enumerate(NAMES)}))
+    return where
+
+
+def write_keypoints(where):
+    """OpenPose's files of both people, in changing order, of all frames and cameras: BODY_25 with noise of 1 px."""
+    names = topology("body_25").joints
+    rng = np.random.default_rng(3)
+    for camera, placed in SCENE.rig.cameras.items():
+        (where / f"{camera}_json").mkdir(parents=True)
+        for k in range(len(SCENE)):
+            people = []
+            for person in (0, 1) if k % 2 else (1, 0):
+                at = {name: np.array(place) for name, place in joints_of(person, k).items()}
+                at |= {name: 0.5 * (at[f"left {joint}"] + at[f"right {joint}"])
+                       for name, joint in (("Neck", "shoulder"), ("MidHip", "hip"))}  # fmt: skip
+                points = np.array([at.get(LANDMARKS.get(name, name), np.full(3, np.nan)) for name in names])
+                pixels = project(apply(placed.T_camera_world, points), placed.camera.lens)
+                pixels += rng.normal(size=pixels.shape)
+                rows = [[x, y, 0.9] if np.isfinite(x) else [0.0, 0.0, 0.0] for x, y in pixels.tolist()]
+                people.append({"pose_keypoints_2d": [value for row in rows for value in row]})
+            text = json.dumps({"version": 1.3, "people": people})
+            (where / f"{camera}_json" / f"{camera}_{k:012d}_keypoints.json").write_text(text)
     return where
 
 
@@ -135,6 +160,59 @@ def test_keypoints_are_named_by_person(folder):
     assert done.returncode == 0, done.stderr
     people = json.loads((folder / "points.json").read_text())
     assert [off_m(people, k, 0) < 0.05 for k in (0, 1)] == [True, True]
+
+
+@pytest.mark.slow
+def test_all_people_of_keypoint_files_are_followed_without_a_start(folder):
+    write_keypoints(folder / "pose")
+    found = result(folder, "track", "silhouettes", *FILMS, "--set", "keypoints=pose")
+    assert list(found["people"]) == ["person_0", "person_1"]
+    for k in (0, len(SCENE) - 1):
+        truth = [joints_of(person, k) for person in (0, 1)]
+        away = np.array([
+            [np.median([np.linalg.norm(np.subtract(at, one[name])) for name, at in person["frames"][k]["joints"].items()
+                        if name in one]) for one in truth]
+            for person in found["people"].values()
+        ])  # fmt: skip
+        assert sorted(away.argmin(axis=1).tolist()) == [0, 1]
+        assert away.min(axis=1).max() < 0.08
+    said = failed(folder, "--set", "keypoints=pose", "--start", "both.json")
+    assert "choose one of them" in said
+    said = failed(folder, "--set", "keypoints=pose", "--set", "detector=mediapipe")
+    assert "choose one of them" in said
+
+
+@pytest.mark.slow
+def test_all_people_are_detected_in_the_films_without_a_start(folder, monkeypatch):
+    """The detector is a stand-in that knows the scene; one is made for each camera, in the rig's order."""
+    made = []
+
+    class Detector:
+        topology = topology("body_25")
+
+        def __init__(self, placed):
+            self.placed = placed
+
+        def update(self, image, at_s, regions_px=None):
+            assert image.shape == (240, 320, 3)
+            points = np.array([
+                [joints_of(person, round(at_s * 30.0)).get(LANDMARKS.get(name, ""), [np.nan] * 3)
+                 for name in self.topology.joints] for person in (0, 1)
+            ])  # fmt: skip
+            pixels = project(apply(self.placed.T_camera_world, points), self.placed.camera.lens)
+            sure = np.isfinite(pixels).all(axis=-1) * 0.9
+            return SeenPeople(np.array([-1, -1]), pixels.astype(np.float32), sure.astype(np.float32))
+
+    def opened(verb, name, model, settings):
+        assert (verb, name) == ("track silhouettes", "stand-in")
+        made.append(Detector(list(SCENE.rig.cameras.values())[len(made)]))
+        return made[-1]
+
+    monkeypatch.setattr("mocapella.cli.node_keypoints.opened_detector", opened)
+    found = result_here(folder, "track", "silhouettes", *FILMS, "--set", "detector=stand-in")
+    assert len(made) == 3
+    assert sorted(found["people"]) == ["person_0", "person_1"]
+    assert found["summary"]["frames"] == len(SCENE)
 
 
 @pytest.mark.slow

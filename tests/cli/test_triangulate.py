@@ -64,7 +64,7 @@ def test_what_cannot_be_triangulated_is_one_line(tmp_path: Path) -> None:
         (["points.csv", "--out", "o.c3d"], "end its name with .csv or .trc"),
         (["points.csv", "--out", "o.csv", "--solver", "magic"], "--solver is 'magic'"),
         (["points.csv", "--out", "o.csv", "--set", "order=COCO"], "setting order is 'COCO'"),
-        (["rig.toml", "--out", "o.csv"], "columns of 2D points are missing"),
+        (["rig.toml", "--out", "o.csv"], "no file of detections"),
     ):
         done = run_here(tmp_path, "track", "points", *arguments, "--rig", "rig.toml")
         assert done.returncode == 1

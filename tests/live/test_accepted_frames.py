@@ -31,7 +31,8 @@ NUMBERS = (*(end for limit in (TILT, FRAME_HEIGHT, COORDINATE) for end in (limit
 """Values at and beside the limits; those out of range are refused by the decoder."""
 INTEGERS = (0, 1, 2, 65535, 2**31, 2**53 + 1, 2**63 - 1, -1, -(2**31), -(2**63), 2**64 - 1)
 MESSAGES = {"BodyFrame": pb.BodyFrame, "MarkerFrame": pb.MarkerFrame, "PoseFrame": pb.PoseFrame,
-            "ArmFrame": pb.ArmFrame, "ImageFrame": pb.ImageFrame, "DepthFrame": pb.DepthFrame}  # fmt: skip
+            "ArmFrame": pb.ArmFrame, "ImageFrame": pb.ImageFrame, "DepthFrame": pb.DepthFrame,
+            "KeypointFrame": pb.KeypointFrame}  # fmt: skip
 IDENTITY = ("schema_version", "sensor", "node_id", "sequence")
 FRAMES = 12
 

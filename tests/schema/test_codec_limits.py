@@ -16,6 +16,7 @@ from mocapella.errors import WireError
 from mocapella.model.arms import ARM_POINTS, ArmFrame
 from mocapella.model.depth import depth_frame
 from mocapella.model.hand import ANGLES
+from mocapella.model.keypoints import keypoint_frame
 from mocapella.model.markers import marker_frame
 from mocapella.model.observations import BodyFrame
 from mocapella.model.poses import pose_frame
@@ -26,6 +27,7 @@ from mocapella.schema.arms import MAX_ARMS, MAX_CAMERAS
 from mocapella.schema.bodies import MAX_BUILD, MAX_LINE, MAX_VIEWS
 from mocapella.schema.checks import MAX_BODIES, MAX_NAME, MAX_POINTS, parse
 from mocapella.schema.depth import MAX_DEPTH_PX, MAX_DEPTH_SIDE_PX, UNITS_M, image_size
+from mocapella.schema.keypoints import MAX_PX
 from mocapella.schema.markers import MAX_SIDE_PX
 
 LENS = np.array([476.0, 476.0, 3.5, 2.5, 0, 0, 0, 0, 0])
@@ -71,6 +73,11 @@ FRAMES: dict[str, Callable[[], Any]] = {
         encode_frame(pose_frame("vive", "vr", ["cup"], time_ns=1, positions=[[1, 2, 3]], orientations=[[1, 0, 0, 0]]))
     ),
     "ArmFrame": lambda: pb.ArmFrame.FromString(encode_frame(arms())),
+    "KeypointFrame": lambda: pb.KeypointFrame.FromString(
+        encode_frame(
+            keypoint_frame("left", topology("coco_17"), time_ns=1, size_px=SIZE, positions_px=np.ones((1, 17, 2)))
+        )
+    ),
     "OtherFrame": lambda: pb.OtherFrame(schema_version=1, sensor="roof", kind="radar"),
 }
 SCENES: dict[str, Callable[[], Any]] = {
@@ -142,6 +149,14 @@ BOUNDS: list[tuple[str, str, Any, Any]] = [
     ("ArmFrame", "arms.0.angles_rad", doubles(-PI, length=N_ANGLES), doubles(after(-PI), length=N_ANGLES)),
     ("ArmFrame", "arms.0.T_camera_palm", moved(1000.0), moved(float(after(1000.0)))),
     ("ArmFrame", "arms.0.T_camera_palm", moved(-1000.0), moved(float(after(-1000.0)))),
+    ("KeypointFrame", "width_px", MAX_SIDE_PX, MAX_SIDE_PX + 1),
+    ("KeypointFrame", "height_px", 1, 0),
+    ("KeypointFrame", "positions_px", singles(*[MAX_PX] * 34), singles(after(MAX_PX, np.float32), *[1.0] * 33)),
+    ("KeypointFrame", "positions_px", singles(*[-MAX_PX] * 34), singles(after(-MAX_PX, np.float32), *[1.0] * 33)),
+    ("KeypointFrame", "confidences", singles(*[1.0] * 17), singles(after(1, np.float32), *[1.0] * 16)),
+    ("KeypointFrame", "confidences", singles(*[1e-45] * 17), singles(-1e-45, *[1.0] * 16)),
+    ("KeypointFrame", "relative_m", singles(*[1000.0] * 51), singles(FAR_32, *[0.0] * 50)),
+    ("KeypointFrame", "relative_m", singles(*[-1000.0] * 51), singles(-FAR_32, *[0.0] * 50)),
     ("OtherFrame", "kind", "x" * MAX_NAME, "x" * (MAX_NAME + 1)),
     ("people", "people.0.positions_m", doubles(1e6, length=75), doubles(after(1e6), length=75)),
     ("people", "people.0.positions_m", doubles(-1e6, length=75), doubles(after(-1e6), length=75)),

@@ -26,6 +26,7 @@ DECODERS: dict[str, Any] = {
     "DepthFrame": decode_frame,
     "ArmFrame": decode_frame,
     "ImageFrame": decode_frame,
+    "KeypointFrame": decode_frame,
     "OtherFrame": decode_frame,
     "Scene": decode_scene,
     "Truth": decode_truth,

@@ -29,22 +29,30 @@ class FakeCamera:
         self.frames += 1
         return (np.arange(SIZE[0] * SIZE[1]) + 700 + self.frames).astype(np.uint16).reshape(SIZE[1], SIZE[0])
 
+    def colour(self) -> np.ndarray:
+        """The colour image of the newest depth image, red, green, blue: red is its number."""
+        image = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+        image[..., 0], image[..., 1] = self.frames % 256, 7
+        return image
+
     @property
     def stamp_ms(self) -> float:
         """Of the newest image, on a clock of the camera's own: 30 a second from 5 s."""
         return 5000 + 1e3 * self.frames / 30
 
 
-def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool = False, can_mirror: bool = True) -> Any:
+def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool = False, can_mirror: bool = True,
+            registers: bool = True) -> Any:  # fmt: skip
     """``openni.openni2``."""
 
     class OpenNIError(Exception):
         pass
 
     class Stream:
-        def __init__(self) -> None:
-            self.mirrored = mirrored
-            self.mode = SimpleNamespace(resolutionX=SIZE[0], resolutionY=SIZE[1], fps=30, pixelFormat=camera.unit)
+        def __init__(self, of_colour: bool = False) -> None:
+            self.mirrored, self.of_colour = mirrored, of_colour
+            pixels = 200 if of_colour else camera.unit
+            self.mode = SimpleNamespace(resolutionX=SIZE[0], resolutionY=SIZE[1], fps=30, pixelFormat=pixels)
 
         def get_video_mode(self) -> Any:
             return self.mode
@@ -81,6 +89,10 @@ def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool =
             pass
 
         def read_frame(self) -> Any:
+            if self.of_colour:
+                seen = camera.colour()
+                data = (ctypes.c_uint8 * seen.size)(*seen.ravel().tolist())
+                return SimpleNamespace(width=SIZE[0], height=SIZE[1], get_buffer_as_uint8=lambda: data)
             image = camera.image()
             data = (ctypes.c_uint16 * image.size)(*image.ravel().tolist())
             return SimpleNamespace(
@@ -98,6 +110,15 @@ def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool =
         def create_depth_stream(self) -> Stream | None:
             return None if camera.unit is None else Stream()
 
+        def create_color_stream(self) -> Stream | None:
+            return Stream(of_colour=True) if registers else None
+
+        def is_image_registration_mode_supported(self, mode: int) -> bool:
+            return registers and mode == 1
+
+        def set_image_registration_mode(self, mode: int) -> None:
+            camera.asked["registration"] = mode
+
         def close(self) -> None:
             pass
 
@@ -110,7 +131,8 @@ def openni2(camera: FakeCamera, *, mirrored: bool = True, stays_mirrored: bool =
     return SimpleNamespace(
         OpenNIError=OpenNIError, InitializationError=type("InitializationError", (Exception,), {}), Device=Device,
         initialize=lambda: None, wait_for_any_stream=wait_for_any_stream,
-        PIXEL_FORMAT_DEPTH_1_MM=100, PIXEL_FORMAT_DEPTH_100_UM=101,
+        PIXEL_FORMAT_DEPTH_1_MM=100, PIXEL_FORMAT_DEPTH_100_UM=101, PIXEL_FORMAT_RGB888=200,
+        IMAGE_REGISTRATION_DEPTH_TO_COLOR=1,
     )  # fmt: skip
 
 
@@ -124,10 +146,20 @@ def freenect(camera: FakeCamera) -> Any:
         camera.frames += 1
         return np.full((480, 640), 1000 if format == 0 else 3848, np.uint16), camera.frames
 
+    def sync_get_video(index: int = 0, format: int = 0) -> Any:
+        if not camera.plugged or index or format != 0:
+            return None
+        image = np.zeros((480, 640, 3), np.uint8)
+        image[..., 0], image[..., 1] = camera.frames % 256, 7
+        return image, camera.frames
+
     def sync_stop() -> None:
         camera.stopped += 1
 
-    return SimpleNamespace(sync_get_depth=sync_get_depth, sync_stop=sync_stop, DEPTH_11BIT=0, DEPTH_MM=5)
+    return SimpleNamespace(
+        sync_get_depth=sync_get_depth, sync_get_video=sync_get_video, sync_stop=sync_stop,
+        DEPTH_11BIT=0, DEPTH_REGISTERED=4, DEPTH_MM=5, VIDEO_RGB=0,
+    )  # fmt: skip
 
 
 def pyrealsense2(camera: FakeCamera, *, model: str = "brown_conrady", coeffs: tuple[float, ...] = (0.0,) * 5) -> Any:
@@ -138,12 +170,13 @@ def pyrealsense2(camera: FakeCamera, *, model: str = "brown_conrady", coeffs: tu
             camera.asked["serial"] = serial
 
         def enable_stream(self, *what: Any) -> None:
-            camera.asked["stream"] = what
+            camera.asked["colour" if what[0] == "color" else "stream"] = what
 
     intrinsics = SimpleNamespace(
         width=SIZE[0], height=SIZE[1], fx=6.0, fy=6.5, ppx=3.25, ppy=2.75, model=model, coeffs=list(coeffs)
     )
-    video = SimpleNamespace(get_intrinsics=lambda: intrinsics, fps=lambda: 30)
+    motion = SimpleNamespace(rotation=[0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], translation=[0.015, 0.0, 0.001])
+    video = SimpleNamespace(get_intrinsics=lambda: intrinsics, fps=lambda: 30, get_extrinsics_to=lambda _: motion)
     sensor = SimpleNamespace(get_depth_scale=lambda: camera.unit)
     profile = SimpleNamespace(
         get_device=lambda: SimpleNamespace(first_depth_sensor=lambda: sensor),
@@ -168,10 +201,13 @@ def pyrealsense2(camera: FakeCamera, *, model: str = "brown_conrady", coeffs: tu
             image = camera.image()
             stamp = camera.stamp_ms
             depth = SimpleNamespace(get_data=lambda: image, get_timestamp=lambda: stamp)
-            return True, SimpleNamespace(get_depth_frame=lambda: depth)
+            seen = camera.colour()[..., ::-1]
+            colour = SimpleNamespace(get_data=lambda: seen)
+            return True, SimpleNamespace(get_depth_frame=lambda: depth, get_color_frame=lambda: colour)
 
     return SimpleNamespace(
-        config=Config, pipeline=Pipeline, stream=SimpleNamespace(depth="depth"), format=SimpleNamespace(z16="z16"),
+        config=Config, pipeline=Pipeline, stream=SimpleNamespace(depth="depth", color="color"),
+        format=SimpleNamespace(z16="z16", bgr8="bgr8"),
         distortion=SimpleNamespace(brown_conrady="brown_conrady"),
     )  # fmt: skip
 
@@ -183,7 +219,10 @@ def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True, silent: bool = False)
         pass
 
     profile = SimpleNamespace(
-        get_intrinsic=lambda: SimpleNamespace(fx=6.0, fy=6.5, cx=3.25, cy=2.75),
+        get_intrinsic=lambda: SimpleNamespace(fx=6.0, fy=6.5, cx=3.25, cy=2.75, width=SIZE[0], height=SIZE[1]),
+        get_extrinsic_to=lambda _: SimpleNamespace(
+            rot=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), transform=np.array([15.0, 0.0, 1.0])
+        ),
         get_distortion=lambda: SimpleNamespace(k1=0.1, k2=0.2, k3=0.3, p1=0.01, p2=0.02),
         get_fps=lambda: 30,
     )
@@ -222,7 +261,9 @@ def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True, silent: bool = False)
                 get_data=image.tobytes, get_width=lambda: SIZE[0], get_height=lambda: SIZE[1],
                 get_depth_scale=lambda: camera.unit, get_timestamp=lambda: stamp,
             )  # fmt: skip
-            return SimpleNamespace(get_depth_frame=lambda: depth)
+            seen = camera.colour()
+            colour = SimpleNamespace(get_data=seen.tobytes, get_width=lambda: SIZE[0], get_height=lambda: SIZE[1])
+            return SimpleNamespace(get_depth_frame=lambda: depth, get_color_frame=lambda: colour)
 
     class Devices:
         def get_count(self) -> int:
@@ -239,5 +280,6 @@ def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True, silent: bool = False)
     return SimpleNamespace(
         OBError=OBError, Pipeline=Pipeline, Context=lambda: SimpleNamespace(query_devices=Devices),
         Config=lambda: SimpleNamespace(enable_stream=lambda _: None),
-        OBSensorType=SimpleNamespace(DEPTH_SENSOR="depth"), OBFormat=SimpleNamespace(Y16="y16"),
+        OBSensorType=SimpleNamespace(DEPTH_SENSOR="depth", COLOR_SENSOR="colour"),
+        OBFormat=SimpleNamespace(Y16="y16", RGB="rgb"),
     )  # fmt: skip

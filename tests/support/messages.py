@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as arrays
 from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.depth import DepthFrame, depth_frame
 from mocapella.model.hand import ANGLES
+from mocapella.model.keypoints import KeypointFrame, keypoint_frame
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, body_frame
 from mocapella.model.scene import (
@@ -90,6 +91,29 @@ def marker_frames(draw: st.DrawFn) -> MarkerFrame:
         sd_px=draw(one),
         areas_px=draw(one),
         confidences=draw(one),
+        node_id=draw(UINT64),
+        sequence=draw(UINT64),
+    )
+
+
+@st.composite
+def keypoint_frames(draw: st.DrawFn) -> KeypointFrame:
+    """Any frame that a detector of keypoints may publish: 0 to 6 people, with and without depth."""
+    kind, people = draw(TOPOLOGIES), draw(st.integers(0, 6))
+    shape = (people, len(kind))
+    positions = draw(floats((*shape, 2), 5000.0, allow_nan=False))
+    positions[draw(arrays.arrays(np.bool_, shape))] = np.nan
+    relative = draw(floats((*shape, 3), 1000.0, allow_nan=True)) if people and draw(st.booleans()) else None
+    return keypoint_frame(
+        draw(SENSOR_NAMES),
+        kind,
+        time_ns=draw(INT64),
+        sent_ns=draw(INT64),
+        size_px=(draw(st.integers(1, 4096)), draw(st.integers(1, 4096))),
+        positions_px=positions,
+        confidences=draw(arrays.arrays(np.float32, shape, elements=st.floats(0, 1, width=32))),
+        ids=draw(arrays.arrays(np.int64, people)),
+        relative=relative,
         node_id=draw(UINT64),
         sequence=draw(UINT64),
     )

@@ -16,7 +16,8 @@ from support.syntax import parsed
 
 SOURCE = Path(__file__).resolve().parents[2] / "src" / "mocapella"
 DECODERS = {
-    "decode_text", "decode_json", "decode_msgpack", "decode_toml", "decode_csv", "convert", "read_whole", "text_blocks",
+    "decode_text", "decode_json", "decode_msgpack", "decode_toml", "decode_csv", "decode_csv_rows", "decode_xml",
+    "decode_pickled_texts", "Hdf5", "convert", "read_whole", "text_blocks",
     "FromString", "ParseFromString", "MergeFromString", "unpack", "unpack_from", "iter_unpack", "from_bytes",
     "frombuffer", "fromhex", "unhexlify", "b64decode", "imdecode", "decompress", "decompressobj", "recv", "recvfrom",
     "recvmsg", "recv_into",

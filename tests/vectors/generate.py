@@ -17,6 +17,7 @@ from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.depth import DepthFrame, depth_frame
 from mocapella.model.hand import ANGLES
 from mocapella.model.images import ImageFrame, image_frame
+from mocapella.model.keypoints import KeypointFrame, keypoint_frame
 from mocapella.model.markers import MarkerFrame, marker_frame
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.model.poses import PoseFrame, pose_frame
@@ -111,6 +112,28 @@ def markers_two_of_three() -> MarkerFrame:
         sd_px=[0.125, np.nan, 0.5],
         areas_px=[210.0, 0.0, 64.5],
         confidences=[1.0, 0.0, 0.75],
+        node_id=NODE_ID,
+        sequence=3,
+    )
+
+
+def keypoints_two_people() -> KeypointFrame:
+    """A camera that sees two people: all of the first, the upper half of the second, with depth."""
+    detection, joint = np.mgrid[0:2, 0:17]
+    positions = np.stack([100.5 + 200 * detection + joint, 50.25 + 8 * joint - detection], axis=-1)
+    positions[1, 11:] = np.nan
+    relative = np.stack([joint / 64 - 0.125, joint / 32 - 0.25, detection / 8 - joint / 256], axis=-1)
+    relative[1, 11:] = np.nan
+    return keypoint_frame(
+        "left",
+        topology("coco_17"),
+        time_ns=33_333_333,
+        sent_ns=5_000_000_123,
+        size_px=(640, 480),
+        positions_px=positions,
+        confidences=1 - joint / 32,
+        ids=[7, -1],
+        relative=relative,
         node_id=NODE_ID,
         sequence=3,
     )
@@ -277,6 +300,7 @@ def values(message: SensorFrame | Scene | Truth) -> dict[str, Any]:
         DepthFrame: _depth_values,
         ArmFrame: _arm_values,
         ImageFrame: _image_values,
+        KeypointFrame: _keypoint_values,
         UnknownFrame: _other_values,
         Scene: _scene_values,
         Truth: _truth_values,
@@ -290,7 +314,7 @@ def vectors() -> dict[str, tuple[bytes, dict[str, Any]]]:
     """Every vector: its bytes and its values, by the name of its files."""
     kinds = (
         frame_skeleton, frame_everything, frame_nobody, markers_two_of_three, poses_one_of_two, depth_slope, arms_one,
-        image_four_by_three, other_plug_in,
+        image_four_by_three, keypoints_two_people, other_plug_in,
     )  # fmt: skip
     frames = {make.__name__: make() for make in kinds}
     found = {name: (encode_frame(frame), values(frame)) for name, frame in frames.items()}
@@ -386,6 +410,19 @@ def _marker_values(frame: MarkerFrame) -> dict[str, Any]:
         "sd_px": _lists(frame.sd_px),
         "areas_px": _lists(frame.areas_px),
         "confidences": _lists(frame.confidences),
+    }
+
+
+def _keypoint_values(frame: KeypointFrame) -> dict[str, Any]:
+    return {
+        **_identity(frame),
+        "topology": frame.topology.name,
+        "width_px": frame.size_px[0],
+        "height_px": frame.size_px[1],
+        "ids": [str(identity) for identity in frame.ids.tolist()],
+        "positions_px": _lists(frame.positions_px),
+        "confidences": _lists(frame.confidences),
+        "relative_m": _lists(frame.relative),
     }
 
 

@@ -44,6 +44,8 @@ def test_the_legend_names_the_sensor_and_escapes_it() -> None:
     assert "hidden from <b>a&lt;b</b>" in legend_html("a<b", obstacle=False)
     assert "obstacle" in legend_html(FREE, obstacle=True)
     assert "hidden" not in legend_html(FREE, obstacle=True)
+    assert "hidden" not in legend_html("a<b", obstacle=False, views=False)
+    assert "each sensor" not in legend_html(FREE, obstacle=False, views=False)
 
 
 def test_the_obstacle_of_the_demo_is_a_closed_solid_without_a_bottom() -> None:

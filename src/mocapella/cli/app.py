@@ -29,6 +29,12 @@ app = typer.Typer(
 
     Try it without hardware:  **mocapella demo**
 
+    With webcams:  **mocapella demo webcam**
+
+    With films:  **mocapella people left.mp4 right.mp4 --rig rig.toml --out walk-1**
+
+    With keypoints of other programs:  **mocapella triangulate folder --rig rig.toml --out walk-1**
+
     With sensors:  **mocapella serve**, and one **mocapella node …** for each sensor, in any order.
 
     Record:  **mocapella record walk-1**; afterwards **mocapella replay walk-1** or **mocapella export csv walk-1**

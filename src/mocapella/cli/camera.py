@@ -7,12 +7,32 @@ from typing import Annotated, Literal, cast
 
 import typer
 
-from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, read_settings, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
-from mocapella.cli.nodes import DELAY_MS, LINGER, LOOP, NAME_HELP, REPORT, Epoch, EpochFromInput, NodeKeys, read_epoch
+from mocapella.cli.node_keypoints import (
+    KeypointDetectorName,
+    KeypointNodeKeys,
+    ModelFile,
+    camera_source,
+    opened_detector,
+    serve_keypoints,
+)
+from mocapella.cli.nodes import (
+    DELAY_MS,
+    LINGER,
+    LOOP,
+    REPORT,
+    Epoch,
+    EpochFromInput,
+    NodeKeys,
+    SensorName,
+    read_epoch,
+)
 from mocapella.cli.pictures import BLUE, EXPOSURE, FOURCC, GAIN, RED, WHITE_BALANCE, Fps, Size, tell_state, wishes
+from mocapella.errors import SettingsError
 
 FORMATS = ("jpeg", "png")
+NO_DETECTOR = "none"
 
 
 @dataclass(frozen=True)
@@ -37,10 +57,12 @@ def camera(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE", help="camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film or a folder."
+            metavar="SOURCE", help="0 or camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film or a folder."
         ),
     ],
-    name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=f"{NAME_HELP} As in the rig.")],
+    name: SensorName = None,
+    detector: KeypointDetectorName = None,
+    model: ModelFile = None,
     connect: Connect = DEFAULT_ADDRESS,
     size: Size = None,
     fps: Fps = None,
@@ -50,13 +72,28 @@ def camera(
     epoch_from_input: EpochFromInput = False,
     json: JsonOut = None,
 ) -> None:
-    """Serve a camera's images, for methods that track the images themselves (silhouettes).
+    """Serve a camera: its images, for methods that track the images themselves (silhouettes), or people's keypoints.
 
-    docs/silhouettes.md says how cameras are set up, and how much a take of images takes.
+    A camera given as a plain number, such as 0, is a webcam that sends keypoints, like `mocapella node keypoints 0`; so
+    is any with --detector. Everything else, and --detector none, sends the images. docs/silhouettes.md says how its
+    cameras are set up, and how much a take of images takes; docs/webcams.md is about webcams.
 
     Example:  mocapella node camera camera:0 --name left
     """
     need_cameras("node camera")
+    if (detector is None and source.isdecimal() and camera_source(source) != source) or detector not in (
+        None,
+        NO_DETECTOR,
+    ):
+        found, own = read_settings(KeypointNodeKeys, settings_file, settings)
+        serve_keypoints(
+            source, name, opened_detector("node camera", detector, model, own), found, connect=connect, size=size,
+            fps=fps, epoch=epoch, epoch_from_input=epoch_from_input, json=json,
+        )  # fmt: skip
+        return
+    if name is None or model is not None:
+        problem = "--model is of --detector" if name is not None else "no name; images need one, as in the rig"
+        raise SettingsError(f"{problem}: give {'--detector NAME' if name is not None else '--name NAME'}")
     from mocapella.live.camera_node import CameraNodeSettings
     from mocapella.live.camera_service import CameraService
     from mocapella.live.image_node import run_image_node
@@ -76,7 +113,7 @@ def camera(
         keys.exposure, keys.gain, keys.white_balance,
         white_balance_red=keys.white_balance_red, white_balance_blue=keys.white_balance_blue,
     )  # fmt: skip
-    pictures = open_pictures(source, wishes(size, fps, keys.fourcc, given, None), loop=keys.loop)
+    pictures = open_pictures(camera_source(source), wishes(size, fps, keys.fourcc, given, None), loop=keys.loop)
     kept = FRAME_TYPES["images"].history_frames
     with Acquisition(pictures, say=say) as acquisition:
         tell_state(sensor, pictures, acquisition.state)

@@ -198,7 +198,8 @@ ViewPort = Annotated[
 ]
 HOST_HELP: Final = "Network interface to listen on; 127.0.0.1 is this machine only, 0.0.0.0 is all interfaces."
 Host = Annotated[str, typer.Option("--host", metavar="HOST", help=HOST_HELP)]
-RIG_HELP: Final = "Camera rig (TOML) of `mocapella calibrate cameras`: intrinsics and extrinsics."
+RIG_HELP: Final = "Camera rig of `mocapella calibrate cameras`, or another program's calibration."
+UP_HELP: Final = "Up axis of the rig's world: y, z or -y; results have y up."
 START_FORM: Final = "[PERSON=]FILE[:FRAME]"
 START_HELP: Final = (
     "First poses of the bodies: JSON of named joints [m] of one or several people, or an earlier result of `mocapella "
@@ -226,7 +227,10 @@ StudyFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of t
 LAYOUT: Final = KeySpec(
     "Begin from this sensor layout (JSON), which is checked against people's motion; default, arms.", "file"
 )
-ORDER: Final = KeySpec("OpenPose's order of keypoints.", choices=("BODY_25B", "BODY_25"))
+ORDER: Final = KeySpec(
+    "Order of keypoints without names; auto: by their number and places.",
+    choices=("auto", "BODY_25B", "BODY_25", "COCO_17", "COCO_18", "HALPE_26", "HALPE_136", "COCO_133", "BLAZEPOSE"),
+)
 FrameChoice = Annotated[
     str | None, typer.Option("--frames", metavar="odd|even|FROM:TO:STEP", help="Frames to use; all by default.")
 ]

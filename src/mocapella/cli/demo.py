@@ -50,6 +50,7 @@ class What(StrEnum):
     HANDS = "hands"
     ARM = "arm"
     SILHOUETTES = "silhouettes"
+    WEBCAM = "webcam"
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ class DemoKeys:
 def demo(
     context: typer.Context,
     what: Annotated[
-        What, typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, an arm, or silhouettes.")
+        What,
+        typer.Argument(metavar="[WHAT]", help="people, hands with painted fingertips, an arm, silhouettes, or webcam."),
     ] = What.PEOPLE,
     scene: SceneName = None,
     method: Method = "default",
@@ -90,6 +92,7 @@ def demo(
     a hand model. `demo arm` renders an arm before a depth camera, detects it and its fingers in the images, and lets it
     grab a cloth; --scene is one of the arm's scenes there (cloth), and --detector the detector. `demo silhouettes`
     renders a running person before four cameras (or another --scene), and fits a body model to the silhouettes.
+    `demo webcam` has two people before four webcams, whose keypoints a simulated detector finds (or another --scene).
 
     Needs no hardware and downloads nothing. Every sensor is a process of its own, as real ones are.
 
@@ -260,10 +263,30 @@ def _arm_show(wish: Wish) -> Show:
     return Show(Setup(method="arms", sensors_expected=1), {}, [words], said, ("--cloth",))
 
 
+def _webcam_show(wish: Wish) -> Show:
+    from mocapella.model.camera_rig_file import encode_camera_rig
+    from mocapella.model.session import Setup
+    from mocapella.sources.simulate.crowd import crowd_summaries
+    from mocapella.sources.simulate.keypoint_source import DEFAULT_CROWD, SIMULATED, rig_of, shown_crowd
+
+    name = wish.scene or DEFAULT_CROWD
+    if name == "help":
+        typer.echo("\n".join(f"{scene}: {summary}" for scene, summary in crowd_summaries().items()))
+        raise typer.Exit
+    with working("making the room …", status=0):
+        scene = shown_crowd(name, wish.seed)
+    names = list(scene.rig.cameras)
+    settings = {"rig": encode_camera_rig(rig_of(scene))}
+    nodes = [["keypoints", f"{SIMULATED}{name}/{camera}", "--seed", str(wish.seed)] for camera in names]
+    said = f"simulating {scene.settings.summary}: cameras {', '.join(names)}"
+    return Show(Setup(method="webcams", sensors_expected=len(names)), settings, nodes, said)
+
+
 _SHOWS: Final[Mapping[What, Callable[[Wish], Show]]] = {
     What.PEOPLE: _people_show,
     What.HANDS: _hands_show,
     What.ARM: _arm_show,
+    What.WEBCAM: _webcam_show,
 }
 
 

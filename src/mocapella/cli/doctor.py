@@ -87,6 +87,7 @@ def examine(port: int, view_port: int, takes: Path) -> Iterator[Finding]:
     yield from _extras()
     yield from plugin_findings()
     yield from _source_looks()
+    yield from keypoint_detectors()
     yield _port("bus port", port, "--port")
     yield _port("view port", view_port, "--view-port")
     yield _disk(takes)
@@ -148,6 +149,19 @@ def _source_looks() -> Iterator[Finding]:
             yield from _looked(reference)
         except PluginError as error:
             yield Finding(f"source {name}", "note", str(error), "tell the authors of its package")
+
+
+def keypoint_detectors() -> Iterator[Finding]:
+    """Yield for each detector of people's keypoints whether it can be used."""
+    from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
+
+    for name, detector in KEYPOINT_DETECTORS.items():
+        problem, _, advice = detector.missing().partition(": ")
+        if problem:
+            yield Finding(f"keypoint detector {name}", "note", problem, f"only for webcams and films: {advice}")
+        else:
+            needs = "; it needs --model FILE" if detector.model == "required" else ""
+            yield Finding(f"keypoint detector {name}", "ok", f"can be used{needs}")
 
 
 def _looked(reference: str) -> list[Finding]:

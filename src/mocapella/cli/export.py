@@ -35,7 +35,7 @@ def study_log(
         typer.Option(
             "--out",
             metavar="FILE",
-            help="New file to write, .csv or .csv.gz. By default the take's name with .study-log.csv.",
+            help="New file to write, .csv, .csv.gz or .parquet. By default the take's name with .study-log.csv.",
         ),
     ] = None,
     every: Every = 1,
@@ -68,6 +68,8 @@ def study_log(
     from mocapella.errors import TakeExistsError
     from mocapella.live.recordings import find_recording
     from mocapella.recording.study_export import export_study_log
+    from mocapella.recording.study_log import write_study_log
+    from mocapella.studies.parquet_log import SUFFIX, write_parquet_log
 
     take = find_recording(take)
     target = out or take.with_suffix(".study-log.csv")
@@ -77,7 +79,9 @@ def study_log(
     given = {"participant": participant, "placement": placement, "scenario": scenario}
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     with working(f"writing {target} …", status=INTERRUPTED):
-        report = export_study_log(_timed_scenes(source, chosen), target, every=every, reference=reference)
+        write: Any = write_parquet_log if target.suffix.lower() == SUFFIX else write_study_log
+        scenes = _timed_scenes(source, chosen)
+        report = export_study_log(scenes, target, every=every, reference=reference, write=write)
     say(f"{report.rows} rows of {report.written} results in {target}")
     if report.not_tracking:
         say(f"left out: {report.not_tracking} results with people, as the tracker was still calibrating")

@@ -20,11 +20,10 @@ COMMANDS: Final[Mapping[str, str]] = {
     "hand measure": "calibrate hand",
     "silhouettes": "track silhouettes",
     "train": "lab train",
-    "triangulate": "track points",
     "tune": "lab tune",
 }
 """The present path of each command or group, by former path."""
-CALIBRATIONS: Final = frozenset({"board", "cameras", "colours", "hand", "space"})
+CALIBRATIONS: Final = frozenset({"board", "cameras", "colours", "hand", "people", "space"})
 """Commands of the present group `calibrate`; before any other argument, `calibrate` is the former command."""
 
 _NO_VIEW: Final = {"--headless": "--no-view"}

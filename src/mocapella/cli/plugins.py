@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 def tables() -> tuple[Table[Any], ...]:
     """Return all tables of descriptors that packages can extend."""
     from mocapella.detectors import DETECTORS
+    from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
     from mocapella.exports.export import EXPORTS
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.part_types import PART_TYPES
@@ -23,7 +24,7 @@ def tables() -> tuple[Table[Any], ...]:
     from mocapella.studies.measures.measure import MEASURES
     from mocapella.tracker.method import METHODS
 
-    return METHODS, DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS, MEASURES
+    return METHODS, DETECTORS, KEYPOINT_DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS, MEASURES
 
 
 def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from mocapella.cli.common import say
+from mocapella.cli.silhouette_people import NOBODY, PeopleWishes
 from mocapella.errors import InputError, MocapellaError, SettingsError, one_of
 from mocapella.settings import check
 
@@ -43,13 +44,15 @@ class StartWishes:
         models: body models; the default is the file's, or ``male``.
         heights: body heights [m].
         order: OpenPose's pose model, for ``points``.
+        people: keypoints of all people, in place of ``starts`` and ``points``.
     """
 
     starts: Sequence[str] = ()
     points: Sequence[str] = ()
     models: Sequence[str] = ()
     heights: Sequence[str] = ()
-    order: str = "BODY_25B"
+    order: str = "auto"
+    people: PeopleWishes = NOBODY
 
     @cached_property
     def tracks(self) -> dict[str, tuple[Path, ImageTracks]]:
@@ -115,16 +118,22 @@ def find_start(wishes: StartWishes, rig: CameraRig, frames: Frames) -> dict[str,
     from mocapella.recording.bodies_file import ALONE
     from mocapella.tracker.silhouette_start import check_apart
 
-    if wishes.starts and wishes.points:
-        raise SettingsError("--start and points are both given; choose one of them")
-    if wishes.points:
+    if (bool(wishes.starts), bool(wishes.points), wishes.people.given).count(True) > 1:
+        if wishes.starts and wishes.points:
+            raise SettingsError("--start and points are both given; choose one of them")
+        raise SettingsError("keypoints or detector are given beside --start or points; choose one of them")
+    sources: dict[str, _Found | _Earlier]
+    if wishes.people.given:
+        path = Path(", ".join(wishes.people.paths) or "films")
+        sources = {name: _Found(path, one.start, _Wish(None, None)) for name, one in wishes.people.joints.items()}
+    elif wishes.points:
         sources = _of_points(wishes, rig, frames)
     elif wishes.starts:
         sources = _of_files(wishes, frames)
     else:
         raise SettingsError(
-            "nothing says where the body is at first; give --start joints.json, an earlier result, or --set "
-            "points=POINTS with the first frame's keypoints"
+            "nothing says where the body is at first; give --start joints.json, an earlier result, --set "
+            "keypoints=FOLDER with keypoints of all people, or --set detector=NAME to detect them"
         )
     if ALONE in sources and len(sources) > 1:
         option = "--set points" if wishes.points else "--start"
@@ -157,6 +166,8 @@ def find_later(wishes: StartWishes, rig: CameraRig, frames: Frames, rate_hz: flo
     """
     from mocapella.tracker.silhouette_start import later_joints
 
+    if wishes.people.given:
+        return {name: one.later for name, one in wishes.people.joints.items()}
     return {name: later_joints(tracks, rig, frames.first, rate_hz) for name, (_, tracks) in wishes.tracks.items()}
 
 

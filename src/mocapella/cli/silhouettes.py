@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from mocapella.cli.silhouette_live import LiveWishes
+    from mocapella.cli.silhouette_people import PeopleWishes
     from mocapella.cli.silhouette_start import StartWishes
     from mocapella.live.silhouette_run import SilhouetteRun, Step
     from mocapella.live.silhouette_view import SilhouetteView
@@ -63,6 +64,16 @@ class SilhouetteKeys:
             "In place of --start: 2D keypoints, as of `track points`; later ones find a lost body.", "[PERSON=]POINTS"
         ),
     ] = ()
+    keypoints: Annotated[
+        tuple[str, ...],
+        KeySpec("In place of --start: keypoints of all people, as `triangulate` takes them; later, too.", "FOLDER"),
+    ] = ()
+    detector: Annotated[
+        str | None, KeySpec("In place of --start: detect people in the films; as of `people --detector`.", "NAME")
+    ] = None
+    up: Annotated[
+        str, KeySpec("With keypoints or detector: upward axis of the rig's world.", choices=("y", "z", "-y"))
+    ] = "y"
     model: Annotated[
         tuple[str, ...],
         KeySpec("Body model: male (default), female, legs, or a rigged .glb or .gltf.", "[PERSON=]NAME"),
@@ -73,7 +84,7 @@ class SilhouetteKeys:
     other_size: Annotated[
         str | None, KeySpec("Fit images of another size than the calibration's.", choices=("crop", "scale"))
     ] = None
-    order: Annotated[str, ORDER] = "BODY_25B"
+    order: Annotated[str, ORDER] = "auto"
     live: Annotated[
         bool, KeySpec("Treat videos as live cameras: in real time; frames that come too soon are dropped.")
     ] = False
@@ -148,7 +159,9 @@ def silhouettes(
     named_view = chosen(context, "view", view)
     page = None if named_view is False or not (named_view or live_wishes.live) else _Page(keys.view_port, keys.browser)
     files = _Files(rig or Path("rig.toml"), json, keys.plot, keys.beside, overlay, record)
-    starts = StartWishes(start or (), keys.points, keys.model, keys.height, keys.order)
+    starts = StartWishes(
+        start or (), keys.points, keys.model, keys.height, keys.order, _people_wishes(keys, live=live_wishes.live)
+    )
     whole = _track(live_wishes, starts, parse_frames(frames), files, page, fit_settings(keys))
     if not whole:
         say("stopped before the end: what there is by now was written")
@@ -203,10 +216,11 @@ def _track(
                 writer = _Overlays(files.overlay, shown, wanted.step)
                 closing.callback(writer.close)
                 on_step.append(writer.write)
+            starts = with_films(starts, live_wishes, cameras, shown, wanted)
             found = find_start(starts, cameras, wanted)
             later = {} if live_wishes.live else find_later(starts, cameras, wanted, shown.rate_hz)
             bodies = {name: body.starting(pose, later.get(name, ())) for name, (body, pose) in found.items()}
-            check_seen(bodies, shown.rig, ", ".join(starts.starts or ["points"]))
+            check_seen(bodies, shown.rig, ", ".join(starts.starts or ["keypoints"]))
             if files.record is None:
                 run = _started(bodies, shown, live_wishes, wanted, fit)
             else:
@@ -234,6 +248,45 @@ def _track(
                 say("the view stays until Ctrl-C")
                 opened.stay(stop)
     return whole
+
+
+def _people_wishes(keys: SilhouetteKeys, *, live: bool) -> PeopleWishes:
+    """Return where the bodies of all people come from.
+
+    Raises:
+        SettingsError: both keypoints and a detector are given, or one of them with live cameras.
+    """
+    from mocapella.cli.silhouette_people import NOBODY, PeopleWishes
+
+    if not keys.keypoints and keys.detector is None:
+        return NOBODY
+    if keys.keypoints and keys.detector is not None:
+        raise SettingsError("keypoints and detector are both given; choose one of them")
+    if live:
+        raise SettingsError("keypoints and detector are of films; with live cameras give --start joints.json")
+    finds = None if keys.detector is None else {"": keys.detector}
+    return PeopleWishes(keys.keypoints, finds, keys.up, keys.order)
+
+
+def with_films(
+    starts: StartWishes, wishes: LiveWishes, cameras: CameraRig, shown: FrameSource, wanted: Frames
+) -> StartWishes:
+    """Return the options of the initialisation with the films that keypoints of all people belong to."""
+    people = starts.people
+    if not people.given:
+        return starts
+    finds = people.finds
+    if finds is not None:
+        from mocapella.cli.node_keypoints import opened_detector
+
+        (name,) = finds.values()
+        finds = {camera: opened_detector("track silhouettes", name, None, {}) for camera in shown.rig.cameras}
+        with ExitStack() as closing:  # the films once more: those that are tracked stay at their beginning
+            again = _opened(wishes, cameras, wanted, closing)
+            filled = replace(people, finds=finds, rig=shown.rig, shown=again, first=wanted.first)
+            filled.joints  # noqa: B018 - cached while the films are open
+            return replace(starts, people=filled)
+    return replace(starts, people=replace(people, rig=cameras, shown=shown, first=wanted.first))
 
 
 def _opened(wishes: LiveWishes, cameras: CameraRig, wanted: Frames, closing: ExitStack) -> FrameSource:

@@ -196,6 +196,48 @@ def sensor_errors(
         Console().print(_placements(measured_on["by_placement"], simulated))
 
 
+@train_app.command("keypoint-errors")
+def keypoint_errors(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recordings with keypoints.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The tables (JSON).")],
+    json: JsonOut = None,
+) -> None:
+    """Measure the errors of detectors of keypoints, for simulated cameras with the same errors.
+
+    docs/simulation.md describes the measurement.
+
+    Example:  mocapella lab train keypoint-errors shared/data --out keypoint_errors.json
+    """
+    from mocapella.evaluation.keypoint_error_fit import fit_recordings
+    from mocapella.sources.simulate.keypoint_body import GROUPS
+    from mocapella.sources.simulate.keypoint_errors import CONFIDENCE_BINS, detectors_to_json
+
+    _check_folder_of(out)
+    with console.status("reading …") as status:
+        found = fit_recordings(folder, lambda name: status.update(f"reading {name} …"))
+    write_text(out, detectors_to_json(found))
+    say(f"{out}: {out.stat().st_size} bytes, of {len(found)} detectors")
+    write_json(json, {"out": str(out), "detectors": {name: msgspec.to_builtins(of) for name, of in found.items()}})
+    if json == "-":
+        return
+    console_out = Console()
+    for name, of in found.items():
+        table = Table(title=f"{name}: core, % of the stature", title_justify="left", box=SIMPLE_HEAD)
+        for words in ("confidence from", *map(str, CONFIDENCE_BINS), "missing %", "hidden %"):
+            table.add_column(words, justify="left" if words.startswith("conf") else "right")
+        for group, core, visible, own in zip(GROUPS, of.core, of.missing[0], of.missing[1], strict=True):
+            table.add_row(group, *(f"{100 * sd:.2f}" for sd in core), f"{100 * visible:.1f}", f"{100 * own:.1f}")
+        console_out.print(table)
+        tail = ", ".join(f"{100 * share:.1f}" for share in of.tail_share[0])
+        console_out.print(
+            f"{of.measured_on['errors']} errors, {of.measured_on['hidden']} of hidden keypoints; tail {tail} % by\n"
+            f"confidence, × {of.tail_ratio:g}; slow {100 * of.slow:.0f} % of the variance, {of.slow_s:g} s",
+            highlight=False,
+        )
+        for recording, counted in of.measured_on["recordings"].items():
+            console_out.print(f"{recording}: {', '.join(f'{k} {v}' for k, v in counted.items())}", highlight=False)
+
+
 def _placements(recorded: dict[str, Any], simulated: dict[str, Any]) -> Table:
     table = Table(title="recorded / simulated", title_justify="left", box=SIMPLE_HEAD)
     figures = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -14,11 +14,12 @@ from rich.table import Table
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import track_app
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, set_option
-from mocapella.cli.common import ORDER, OUT_HELP, RIG_HELP, JsonOut, console, say, working, write_json
+from mocapella.cli.common import ORDER, OUT_HELP, RIG_HELP, UP_HELP, JsonOut, console, say, working, write_json
 from mocapella.cli.pictures import Fps
 
 if TYPE_CHECKING:
     from mocapella.fusion.point_tracks import TracksReport
+    from mocapella.library.triangulation import TriangulatedPoints
 
 
 @dataclass(frozen=True)
@@ -28,23 +29,21 @@ class PointsKeys:
     sd_px: Annotated[float, KeySpec("Standard deviation of a certain detection; robust.", "px")] = 3.0
     least_confidence: Annotated[float, KeySpec("Use detections above this confidence.", "0 to 1")] = 0.3
     largest_error: Annotated[float, KeySpec("Largest mean reprojection error of a point; linear solvers.", "px")] = 15.0
-    order: Annotated[str, ORDER] = "BODY_25B"
+    order: Annotated[str, ORDER] = "auto"
 
 
 @track_app.command("points")
 def triangulate(
     points: Annotated[
         list[Path],
-        typer.Argument(metavar="POINTS…", help="A folder of OpenPose JSON for each camera, or one CSV of all."),
+        typer.Argument(metavar="POINTS…", help="A folder or file of keypoints for each camera, or one CSV of all."),
     ],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} A .csv or .trc.")],
     rig: Annotated[Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} By default rig.toml.")] = None,
     solver: Annotated[
         str, typer.Option(metavar="NAME", help="Triangulation: robust, weighted-linear or linear.")
     ] = "robust",
-    up: Annotated[
-        str, typer.Option(metavar="AXIS", help="Up axis of the rig's world: y, z or -y; a TRC has y up.")
-    ] = "y",
+    up: Annotated[str, typer.Option("--up", metavar="AXIS", help=UP_HELP)] = "y",
     fps: Fps = None,
     settings_file: SettingsFile = None,
     settings: Annotated[list[str] | None, set_option(PointsKeys)] = None,
@@ -52,12 +51,11 @@ def triangulate(
 ) -> None:
     """Triangulate 2D points, which any program found in the images of calibrated cameras, to points in space.
 
-    Reads OpenPose's JSON, Caliscope's CSV and our own; docs/triangulation.md describes files, methods and axes.
+    Of several people in an image it takes the most confident; `mocapella triangulate` tracks all. docs/triangulation.md
+    describes files, methods and axes.
 
     Example:  mocapella track points cam1_json cam2_json --rig rig.toml --fps 60 --out walk.trc
     """
-    import msgspec
-
     from mocapella.errors import SettingsError, one_of
     from mocapella.fusion.point_tracks import METHODS
     from mocapella.library.triangulation import triangulate as library_triangulate
@@ -75,13 +73,26 @@ def triangulate(
         )  # fmt: skip
         status.update(f"writing {out} …")
         found.save(out, up=up)
+    tell_points(found, {"out": str(out), "method": solver}, json)
+
+
+def tell_points(found: TriangulatedPoints, row: dict[str, Any], json: str | None) -> None:
+    """Print triangulated points; exit with status 1 if there is none.
+
+    Args:
+        found: the points.
+        row: first fields of the result for ``--json``: ``out`` and ``method``.
+        json: target of ``--json``.
+    """
+    import msgspec
+
     report = found.report
     for note in found.notes:
         say(note)
-    write_json(json, {"out": str(out), "method": solver, **msgspec.to_builtins(report), "notes": list(found.notes)})
+    write_json(json, {**row, **msgspec.to_builtins(report), "notes": list(found.notes)})
     if json != "-":
         show(report, Console(highlight=False))
-    say(f"{report.counted['seen']} points of {report.frames} frames in {out}")
+    say(f"{report.counted['seen']} points of {report.frames} frames in {row['out']}")
     if not report.counted["seen"]:
         say("no point was found: compare the cameras' names and the rig, and see which reason is the most frequent")
         raise typer.Exit(1)

@@ -123,7 +123,7 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
         f"PathFileType\t4\t(X/Y/Z)\t{visible(name)}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate_text}\t{rate_text}\t{count}\t{points}\tm\t{rate_text}\t{int(tracks.frames[0])}\t{count}",
-        "Frame#\tTime\t" + "\t\t\t".join(map(visible, tracks.points)) + "\t\t",
+        "Frame#\tTime\t" + "\t\t\t".join(map(_marker, tracks.points)) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{p}" for p in range(1, points + 1) for axis in "XYZ"),
     ]
     sign = np.array([1.0, -1.0, -1.0]) if up == "-y" else 1.0
@@ -134,6 +134,11 @@ def as_trc(tracks: SpaceTracks, name: str, up: str = "y", hz: float | None = Non
         ]  # OpenSim drops empty ends
         lines.append("\t".join([str(int(tracks.frames[i])), f"{at_s[i] - at_s[0]:.6f}", *cells]))
     return "\n".join(lines) + "\n"
+
+
+def _marker(name: str) -> str:
+    """Return the name of a marker, which in OpenSim begins with a letter: ``p7`` of a point that is only numbered."""
+    return f"p{name}" if name.isdecimal() else visible(name)
 
 
 def times(tracks: SpaceTracks, hz: float | None) -> Float64:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.exports.space_tracks import times, write_space_tracks
-from mocapella.fusion.point_tracks import TracksReport, TracksSettings, triangulate_tracks
+from mocapella.fusion.point_tracks import TracksReport, TracksSettings, alarms, triangulate_tracks
 from mocapella.geometry.triangulation import PointState
 from mocapella.library.motion_tracks import MotionTracks
 from mocapella.model.camera import CameraRig
@@ -20,7 +20,8 @@ from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.observations import JointState
 from mocapella.model.point_tracks import ImageTracks, SpaceTracks
 from mocapella.model.trajectories import Trajectories, median_step
-from mocapella.recording.image_tracks_file import read_image_tracks
+from mocapella.recording.detection_files import read_detections
+from mocapella.recording.detections import AUTO, image_tracks
 
 Detections = ImageTracks | Mapping[str, ArrayLike] | Sequence[Path | str] | Path | str
 """2D points: tracks, arrays by camera, or files."""
@@ -33,7 +34,7 @@ class TriangulatedPoints:
     Attributes:
         tracks: positions, standard deviations, residuals and numbers of views.
         report: counts and errors.
-        notes: sentences about omissions in reading the points.
+        notes: sentences about omissions in reading the points, and about cameras that disagree.
         fps: frame rate that the times follow; None for the times of the points [Hz].
     """
 
@@ -91,7 +92,7 @@ def triangulate(
     sd_px: float = 3.0,
     least_confidence: float = 0.3,
     largest_error_px: float = 15.0,
-    order: str = "BODY_25B",
+    order: str = AUTO,
     names: Sequence[str] | None = None,
     fps: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
@@ -103,13 +104,15 @@ def triangulate(
 
     Args:
         points: by camera an array (frames, points, 2) of x, y [px], or (frames, points, 3) with the confidence, NaN
-            where not seen; or a folder of OpenPose JSON for each camera; or a CSV of all.
+            where not seen; or files of other programs: a folder or file for each camera, a folder with these, or a CSV
+            of all.
         rig: the cameras, or their file.
         solver: robust, weighted-linear or linear, see `mocapella.fusion.point_tracks.METHODS`.
         sd_px: standard deviation of a certain detection; of the solver robust [px].
         least_confidence: only detections with a higher confidence are used [0 to 1].
         largest_error_px: largest mean reprojection error of a point; of the linear solvers [px].
-        order: OpenPose's order of keypoints, BODY_25B or BODY_25.
+        order: order of keypoints without names, such as BODY_25; auto: by their number and places, see
+            `mocapella.recording.detections.ORDERS`.
         names: names of the points of arrays; ``p0``, ``p1`` … if None.
         fps: frame rate; None for the times of the file [Hz].
         progress: called with a line about each stage.
@@ -130,7 +133,7 @@ def triangulate(
     tracks = _image_tracks(points, order, names, progress)
     progress(f"triangulating {len(tracks.frames)} frames")
     space, report = triangulate_tracks(tracks, cameras, settings)
-    return TriangulatedPoints(space, report, tracks.notes, fps)
+    return TriangulatedPoints(space, report, (*tracks.notes, *alarms(report)), fps)
 
 
 def _image_tracks(
@@ -141,9 +144,9 @@ def _image_tracks(
     if isinstance(points, Mapping):
         return tracks_of_arrays(points, names)
     paths = [points] if isinstance(points, Path | str) else points
-    return read_image_tracks(
-        [Path(path) for path in paths], order=order, progress=lambda text: progress(f"reading {text}")
-    )
+    files = [Path(path) for path in paths]
+    found = read_detections(files, order=order, progress=lambda text: progress(f"reading {text}"))
+    return image_tracks(found, file=paths[0] if paths else None)
 
 
 def tracks_of_arrays(arrays: Mapping[str, ArrayLike], names: Sequence[str] | None = None) -> ImageTracks:

@@ -376,18 +376,17 @@ class Server:
         )
 
     def _end_take(self) -> None:
-        store, take = self._settings.study, Path(self._recording.health().path)
-
-        def keep(reply: CommandReply) -> None:
-            if store is None:
-                return
-            try:
-                store.keep(take)
-            except MocapellaError as error:
-                self._note(str(error))
-
+        take = Path(self._recording.health().path)
         if self._recording.recorder is not None:
-            self._finish_take(keep)
+            self._finish_take(lambda reply: self._keep(take))
+
+    def _keep(self, take: Path) -> None:
+        """Have the study keep a take that has ended."""
+        try:
+            if self._settings.study is not None:
+                self._settings.study.keep(take)
+        except MocapellaError as error:
+            self._note(str(error))
 
     def _stop_recording(self, answer: Answer) -> None:
         if self._recording.recorder is None:
@@ -517,9 +516,12 @@ class Server:
             self._ended.set()
             self._recording.finish()
         self.halt()
+        ends_now = self._recording.recorder is not None and not self.failed.is_set()
         health = self._recording.finish()
         for thread in self._finishing:
             thread.join()
+        if ends_now and not self.failed.is_set():  # else a later process goes on with it
+            self._keep(Path(health.path))
         self._link.close()
         self._notices.close()
         return health

@@ -68,5 +68,5 @@ IMAGES: Final = FrameType(
 KEYPOINTS: Final = FrameType(
     interface=1, name="keypoints", type=KeypointFrame, encode=encode_keypoint_frame,
     decode=partial(_read, pb.KeypointFrame, keypoint_frame_of), format=protobuf_format("KeypointFrame"), field=70,
-    counted=("person", "people"), pictures=True,
+    counted=("person", "people"), lane="mocapella.viewer.lanes:KEYPOINTS", pictures=True,
 )  # fmt: skip

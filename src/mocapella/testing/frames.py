@@ -10,6 +10,7 @@ from mocapella.model.arms import ARM_POINTS, ArmFrame, SeenArm
 from mocapella.model.depth import depth_frame
 from mocapella.model.hand import ANGLES
 from mocapella.model.images import image_frame
+from mocapella.model.keypoints import keypoint_frame
 from mocapella.model.markers import marker_frame
 from mocapella.model.observations import body_frame
 from mocapella.model.poses import pose_frame
@@ -26,7 +27,7 @@ _PNG = bytes.fromhex(
 def example_frames(
     sensor: str = "front", *, node_id: int = 1, sequence: int = 0, time_ns: int = 1
 ) -> list[SensorFrame]:
-    """Return one small frame of each type that Mocapella ships: bodies, markers, poses, depth, arms and an image.
+    """Return one small frame of each type that Mocapella ships: bodies, markers, poses, depth, arms, image, keypoints.
 
     Their contents are arbitrary but valid. They serve to test codecs and programs that must handle every type.
 
@@ -35,7 +36,7 @@ def example_frames(
         node_id, sequence: id of the node and number of the frame, the same for all.
         time_ns: capture time, on the sensor's own clock.
     """
-    kinect = topology("kinect_v2")
+    kinect, coco = topology("kinect_v2"), topology("coco_17")
     points = np.linspace(0.0, 1.0, 3 * len(ARM_POINTS)).reshape(-1, 3)
     states = np.full(len(ARM_POINTS), 2, np.uint8)
     sd = np.full(len(ARM_POINTS), 0.003, np.float32)
@@ -50,4 +51,7 @@ def example_frames(
         depth_frame(sensor, np.full((3, 4), 700, np.uint16), unit_m=0.001, lens=_LENS, **common),
         ArmFrame(sensor, node_id, sequence, time_ns, 0, (640, 480), _LENS, "default", (arm,)),
         image_frame(sensor, _PNG, format="png", size_px=(2, 2), **common),
+        keypoint_frame(
+            sensor, coco, size_px=(640, 480), positions_px=np.full((1, len(coco), 2), 99.0), confidences=0.75, **common
+        ),
     ]

@@ -213,9 +213,11 @@ class Browser:
             camera=self.camera.labels,
             lanes=[(LANE_TAG_SIZE, lane_tags(gallery))],
         )
-        people = moment.scene is not None and bool(moment.scene.people) and moment.stage.perspectives
+        shown = () if moment.scene is None else moment.scene.people
+        people = bool(shown) and moment.stage.perspectives
         obstacle = self._known.scenery is not None and bool(self._known.scenery.solids)
-        self._legend.show(perspective, people=people, obstacle=obstacle)
+        views = any(person.views for person in shown)
+        self._legend.show(perspective, people=people, obstacle=obstacle, views=views)
 
     def _empty_text(self, now: ViewNow, moment: Moment) -> str:
         if self._served:

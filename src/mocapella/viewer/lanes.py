@@ -19,12 +19,14 @@ from mocapella.geometry.rigid import apply
 from mocapella.model.arms import ArmFrame
 from mocapella.model.frame_types import frame_type_of, what_it_sends
 from mocapella.model.images import ImageFrame
+from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import BodyFrame, JointState
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.registry import load
 from mocapella.viewer.arm_strokes import lane_arms
 from mocapella.viewer.bones import NO_STROKES, Strokes, bone_strokes, checked
+from mocapella.viewer.keypoint_lane import lane_people
 from mocapella.viewer.lane_picture import LanePicture
 from mocapella.viewer.layout import SENSORS_SCALE
 from mocapella.viewer.marker_lane import lane_picture
@@ -104,6 +106,14 @@ def _markers(frame: MarkerFrame, space: LaneSpace) -> LaneDrawing:
     return LaneDrawing(*lane_picture(frame, space.origin, space.colour))
 
 
+def _keypoints(frame: KeypointFrame, space: LaneSpace) -> LaneDrawing:
+    return LaneDrawing(*lane_people(frame, space.origin, space.colour))
+
+
+def _keypoint_image_size(frame: KeypointFrame) -> tuple[int, int] | None:
+    return frame.size_px if min(frame.size_px) >= 1 else None
+
+
 def _arms(frame: ArmFrame, space: LaneSpace) -> LaneDrawing:
     return LaneDrawing(*lane_arms(frame, space.origin, space.colour))
 
@@ -134,6 +144,7 @@ def lane_bones(frame: BodyFrame, space: LaneSpace) -> Strokes:
 
 SKELETONS: Final = Lane(_skeletons, on_floor=True)
 MARKERS: Final = Lane(_markers)
+KEYPOINTS: Final = Lane(_keypoints, size_px=_keypoint_image_size)
 ARMS: Final = Lane(_arms)
 IMAGES: Final = Lane(_image, keep=_without_pixels, size_px=_image_size)
 

@@ -32,40 +32,41 @@ class Legend:
         self._shown: tuple[object, ...] = ()
         self._html = gui.add_html("", visible=False)
 
-    def show(self, perspective: str, *, people: bool, obstacle: bool) -> None:
+    def show(self, perspective: str, *, people: bool, obstacle: bool, views: bool = True) -> None:
         """Update the legend; nothing is sent if the arguments are unchanged.
 
         Args:
             perspective: a sensor's name, or `FREE`.
             people: whether skeletons of people are shown; without them there is no legend.
             obstacle: whether obstacles are shown.
+            views: whether anybody has views: what single sensors report.
         """
-        now = perspective, people, obstacle
+        now = perspective, people, obstacle, views
         if now != self._shown:
             self._shown = now
-            self._html.content = legend_html(perspective, obstacle=obstacle) if people else ""
+            self._html.content = legend_html(perspective, obstacle=obstacle, views=views) if people else ""
             self._html.visible = people
 
 
-def legend_html(perspective: str, *, obstacle: bool) -> str:
+def legend_html(perspective: str, *, obstacle: bool, views: bool = True) -> str:
     """Return the legend of a perspective as HTML; a sensor's name is escaped.
 
     Args:
         perspective: a sensor's name, or `FREE`.
         obstacle: whether obstacles are shown.
+        views: whether anybody has views: what single sensors report.
     """
-    if perspective == FREE:
-        rows = [_row(FUSED, _THICK, "measured by at least one sensor")]
+    if perspective == FREE or not views:
+        rows = [_row(FUSED, _THICK, "measured by at least one sensor" if views else "measured")]
     else:
         sensor = escape(perspective)
         rows = [
             _row(FUSED, _THICK, f"measured by <b>{sensor}</b>"),
             _row(FILLED, _THICK, f"hidden from <b>{sensor}</b>, filled in from the other sensors"),
         ]
-    rows += [
-        _row(INFERRED, _THIN, "inferred: no sensor measures it"),
-        _row(PEOPLE[0], _THIN, "what each sensor reports, in the person's colour"),
-    ]
+    rows.append(_row(INFERRED, _THIN, "inferred: no sensor measures it" if views else "inferred"))
+    if views:
+        rows.append(_row(PEOPLE[0], _THIN, "what each sensor reports, in the person's colour"))
     if obstacle:
         rows.append(_row(OBSTACLE, 12, "obstacle"))
     return f'<style>{_STYLE}</style><div class="mocapella-legend">{"".join(rows)}</div>'

@@ -260,8 +260,9 @@ def people_html(people: tuple[Person, ...]) -> str:
         f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="overflow-wrap:anywhere">'
         f'<span style="color:{person_colour(person.id).css}">●</span> '
         f"<b>{escape(person.name or f'Person {person.id}')}</b></span>"
-        f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id} · " if person.name else ""}'
-        f"{plural(len(person.views), 'view', 'views')}</span></div>"
+        f'<span style="color:{_GREY};white-space:nowrap">{f"person {person.id}" if person.name else ""}'
+        f"{' · ' if person.name and person.views else ''}"
+        f"{plural(len(person.views), 'view', 'views') if person.views else ''}</span></div>"
         f'<div style="font-size:12px;color:{_GREY};overflow-wrap:anywhere">{_seen_by(person)}</div>'
         for person in people
     )
@@ -327,7 +328,8 @@ def _place(place: SensorPlace | None) -> str:
     if place.T_world_sensor is None:
         known, colour = "place not known", _RED if is_warning(place.problem) else _GREY
     else:
-        known, colour = f"place known to {place.quality}" if place.quality else "reference for the others", _GREY
+        how = f"place{' known to' if place.quality[:1].isdigit() else ':'} {place.quality}"
+        known, colour = how if place.quality else "reference for the others", _GREY
     tone = _AMBER if is_warning(place.problem) else _GREY
     problem = f'<div style="color:{tone}">{escape(trouble(place.problem))}</div>' if place.problem else ""
     return f'<div style="font-size:12px"><div style="color:{colour}">{escape(known)}</div>{problem}</div>'

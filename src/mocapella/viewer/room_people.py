@@ -103,11 +103,11 @@ def joint_colours(person: Person, perspective: str, topology: Topology) -> NDArr
     """Return the colours (joints, 3) uint8 of a fused skeleton's joints, red, green and blue.
 
     White joints are measured by the perspective's sensor, green ones only by other sensors, grey ones by no sensor. In
-    the `FREE` perspective, every measured joint is white.
+    the `FREE` perspective, and of a person without views, every measured joint is white: who measured it is unknown.
     """
     colours = np.tile(np.array(FUSED, np.uint8), (len(topology), 1))
     measured = np.asarray(person.states) == JointState.TRACKED
-    if perspective != FREE:
+    if perspective != FREE and person.views:
         colours[measured & ~_measured_by(person, perspective, topology)] = FILLED.paint
     colours[~measured] = INFERRED.paint
     return colours
@@ -143,7 +143,8 @@ def _person_tag(person: Person, fused: Float64, views: int) -> list[Tag]:
         return []
     top = fused[there][np.argmax(fused[there][:, 1])] + _OVER_HEAD
     who = called(person)
-    return [Tag(f"{who[0].upper()}{who[1:]} · {views} view{'' if views == 1 else 's'}", tuple(top.tolist()))]
+    seen = f" · {views} view{'' if views == 1 else 's'}" if views else ""
+    return [Tag(f"{who[0].upper()}{who[1:]}{seen}", tuple(top.tolist()))]
 
 
 PEOPLE: Final = DrawPart(draw_people, own_places=True, panel=PeoplePanel)

@@ -1,0 +1,251 @@
+"""``mocapella node keypoints``: detect people's keypoints in a webcam's or a film's images."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from mocapella.cli.command_settings import SettingsFile, lines_of_dataclass, read_keys, read_settings, set_option
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, need_cameras, say, write_json
+from mocapella.cli.nodes import (
+    DROP_AFTER_MS,
+    LINGER,
+    LOOP,
+    REPORT,
+    Epoch,
+    EpochFromInput,
+    NodeKeys,
+    SensorName,
+    read_epoch,
+    serve_frames,
+)
+from mocapella.cli.pictures import FOURCC, Fps, Size, tell_state, wishes
+from mocapella.errors import InputError, SettingsError
+
+if TYPE_CHECKING:
+    from mocapella.detectors.keypoint_detector import PeopleDetector
+
+DEFAULT_KEYPOINTS: Final = "mediapipe"
+_NUMBER: Final = re.compile(r"[0-9]{1,3}")
+
+
+def _list_detectors(name: str | None) -> str | None:
+    """Return the name of a keypoint detector; for ``help``, list all, and exit."""
+    if name == "help":
+        from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
+
+        for one in KEYPOINT_DETECTORS.values():
+            missing = one.missing()
+            typer.echo(f"{one.name}: {one.summary}" + (f"\n    {missing}" if missing else ""))
+        raise typer.Exit
+    return name
+
+
+KeypointDetectorName = Annotated[
+    str | None,
+    typer.Option(
+        "--detector",
+        metavar="NAME",
+        help="Detector of keypoints; `--detector help` lists the detectors.",
+        show_default=False,
+        callback=_list_detectors,
+    ),
+]
+ModelFile = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="FILE", help="The detector's model: an ONNX file, or a .task of MediaPipe."),
+]
+
+
+def detector_keys(context: typer.Context) -> Iterator[str]:
+    """Yield lines of ``--set help``: settings of the detector that ``--detector`` names before it."""
+    from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
+
+    name = str(context.params.get("detector") or DEFAULT_KEYPOINTS)
+    title = f"Settings of the detector {name} (of another: --detector NAME --set help):"
+    yield from lines_of_dataclass(KEYPOINT_DETECTORS.find(name).settings(), title)
+
+
+@dataclass(frozen=True)
+class KeypointNodeKeys(NodeKeys):
+    """Settings of `node keypoints`."""
+
+    fourcc: Annotated[str | None, FOURCC] = None
+    loop: Annotated[bool, LOOP] = False
+    drop_after_ms: Annotated[float, DROP_AFTER_MS] = 200.0
+    linger: Annotated[float, LINGER] = 2.0
+    report: Annotated[float, REPORT] = 10.0
+
+
+def keypoints(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="0 or camera:0, /dev/video0, picamera:0, http://… or rtsp://…, a film or a folder, or "
+            "simulated:SCENE/CAMERA.",
+        ),
+    ],
+    name: SensorName = None,
+    detector: KeypointDetectorName = None,
+    model: ModelFile = None,
+    connect: Connect = DEFAULT_ADDRESS,
+    size: Size = None,
+    fps: Fps = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(KeypointNodeKeys, detector_keys)] = None,
+    seed: Seed = 0,
+    epoch: Epoch = None,
+    epoch_from_input: EpochFromInput = False,
+    json: JsonOut = None,
+) -> None:
+    """Serve a webcam or a film: find the people in its images, and send their keypoints.
+
+    The name is the camera's in the rig; without --name, camera 0 is cam0, and a film has its file's name.
+    docs/webcams.md begins with two webcams, and ends with people in 3D.
+
+    Example:  mocapella node keypoints 0 --name left
+    """
+    if source.startswith("simulated:"):
+        _serve_simulated(
+            source, name, connect, settings_file, settings, seed=seed, epoch=epoch, wait=not epoch_from_input,
+            json=json, given={"--detector": detector, "--model": model, "--size": size, "--fps": fps},
+        )  # fmt: skip
+        return
+    keys, own = read_settings(KeypointNodeKeys, settings_file, settings)
+    finds = opened_detector("node keypoints", detector, model, own)
+    serve_keypoints(
+        source, name, finds, keys, connect=connect, size=size, fps=fps,
+        epoch=epoch, epoch_from_input=epoch_from_input, json=json,
+    )  # fmt: skip
+
+
+def _serve_simulated(
+    source: str,
+    name: str | None,
+    connect: str,
+    settings_file: Path | None,
+    settings: list[str] | None,
+    *,
+    seed: int,
+    epoch: float | None,
+    wait: bool,
+    json: str | None,
+    given: Mapping[str, object],
+) -> None:
+    """Serve the keypoints of a simulated camera; ``given`` has the options of real cameras, which are refused."""
+    from mocapella.live.due_frame import DueFrame
+    from mocapella.sources.simulate.keypoint_source import repeated, simulated_camera
+
+    for option, value in given.items():
+        if value is not None:
+            raise SettingsError(f"{option} is of cameras and films; a simulated camera detects by itself: leave it out")
+    disk = read_keys(NodeKeys, settings_file, settings).disk()
+    camera, seconds = simulated_camera(source, seed)
+    first = repeated(camera, seconds)
+    next(first)  # make the motion before the clock matters
+    # All processes that show the same scene begin at the same multiple of its duration.
+    own = time.time() // seconds * seconds if epoch is None else epoch
+    zero = own if wait else read_epoch()
+
+    def frames() -> Iterator[DueFrame]:
+        start_s = time.time() - zero
+        return (DueFrame(due_s, frame) for due_s, frame in repeated(camera, seconds) if due_s >= start_s)
+
+    serve_frames(frames, name or camera.name, connect, zero, json, wait=wait, disk=disk)
+
+
+def opened_detector(verb: str, name: str | None, model: Path | None, settings: Mapping[str, Any]) -> PeopleDetector:
+    """Make the keypoint detector of a command's options.
+
+    Args:
+        verb: the command, for an error.
+        name: name of the detector; None for the default.
+        model: the model's file; None without.
+        settings: the detector's settings by name, as texts of ``--set``.
+
+    Raises:
+        SettingsError, InputError: as in `mocapella.detectors.keypoint_detector.make_keypoint_detector`.
+    """
+    need_cameras(verb)
+    from mocapella.detectors.keypoint_detector import make_keypoint_detector
+
+    try:
+        return make_keypoint_detector(name or DEFAULT_KEYPOINTS, settings, model)
+    except ImportError as error:
+        raise InputError(f"the detector {name or DEFAULT_KEYPOINTS} cannot be loaded ({error})") from error
+
+
+def camera_source(text: str) -> str:
+    """Return the name of a source of images: a plain number is a camera's, unless there is such a file."""
+    return f"camera:{int(text)}" if _NUMBER.fullmatch(text) and not Path(text).exists() else text
+
+
+def camera_name(text: str) -> str:
+    """Return a camera's name from its source: ``0`` and ``camera:0`` give ``cam0``, ``films/left.mp4`` gives ``left``.
+
+    Raises:
+        SettingsError: the result is no valid name of a sensor, such as of an address.
+    """
+    from mocapella.model.observations import check_sensor_name
+
+    number = re.fullmatch(r"(?:(?:pi)?camera:|/dev/video)?([0-9]{1,3})", text)
+    try:
+        return check_sensor_name(f"cam{int(number[1])}" if number else Path(text).stem)
+    except SettingsError:
+        raise SettingsError(f"{text} gives the camera no name; give one with --name NAME, as in the rig") from None
+
+
+def serve_keypoints(
+    source: str,
+    name: str | None,
+    finds: PeopleDetector,
+    keys: KeypointNodeKeys,
+    *,
+    connect: str,
+    size: str | None,
+    fps: float | None,
+    epoch: float | None,
+    epoch_from_input: bool,
+    json: str | None,
+) -> None:
+    """Serve a camera or a film with a keypoint detector, until it ends or Ctrl-C; report the result at the end."""
+    from mocapella.live.camera_node import CameraNodeSettings
+    from mocapella.live.camera_service import CameraService
+    from mocapella.live.keypoint_node import run_keypoint_node
+    from mocapella.live.keypoint_work import KeypointWork
+    from mocapella.live.node_disk import open_link
+    from mocapella.live.signals import stop_on_signals
+    from mocapella.model.observations import check_sensor_name
+    from mocapella.sensing.colour_profile import CameraControls
+    from mocapella.sources.acquisition import Acquisition
+    from mocapella.sources.open_pictures import open_pictures
+
+    sensor = camera_name(source) if name is None else check_sensor_name(name)
+    wanted = wishes(size, fps, keys.fourcc, CameraControls(), None)
+    pictures = open_pictures(camera_source(source), wanted, loop=keys.loop)
+    with Acquisition(pictures, say=say) as acquisition:
+        tell_state(sensor, pictures, acquisition.state)
+        work = KeypointWork(sensor, acquisition, finds)
+        zero = read_epoch() if epoch_from_input else epoch
+        # From here on standard input is watched: it ends when the parent process does.
+        with (
+            stop_on_signals() as stop,
+            CameraService(work, say=say) as service,
+            open_link(connect, sensor, keys.disk(), say=say) as link,
+        ):
+            summary = run_keypoint_node(
+                link, acquisition, work, service, CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report),
+                epoch=zero, stop=stop, say=say,
+                wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else keys.linger,
+            )  # fmt: skip
+    say(f"{sensor}: {summary.published} frames published; {work.words()}")
+    for problem in summary.report["problems"]:
+        say(f"{sensor}: {problem}")
+    write_json(json, asdict(summary))

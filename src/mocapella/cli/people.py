@@ -1,0 +1,199 @@
+"""``mocapella people``: detect people in films of calibrated cameras, and track them in 3D."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mocapella.cli import INTERRUPTED
+from mocapella.cli.app import RECORDINGS, app
+from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
+from mocapella.cli.common import (
+    RIG_HELP,
+    UP_HELP,
+    FrameChoice,
+    JsonOut,
+    console,
+    get_ready,
+    method_setting_names,
+    need_cameras,
+    record_file,
+    say,
+    write_json,
+)
+from mocapella.cli.node_keypoints import KeypointDetectorName, ModelFile, detector_keys, opened_detector
+from mocapella.cli.pictures import Fps
+from mocapella.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mocapella.live.film_people import FilmCounts, FilmPeople
+    from mocapella.sources.video_set import VideoSet
+    from mocapella.tracker.protocol import Tracker
+
+METHOD = "webcams"
+ALONE = "one-webcam"
+"""Method of a single film."""
+
+
+@dataclass(frozen=True)
+class FilmKeys:
+    """Settings of `people`."""
+
+    other_size: Annotated[
+        str | None, KeySpec("Track films of another size than the calibration's.", choices=("crop", "scale"))
+    ] = None
+
+
+@app.command(rich_help_panel=RECORDINGS, hidden=True)  # the introduction of `mocapella --help` names it
+def people(
+    films: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[NAME=]FILM…",
+            help="A film or a folder of images of each camera, named as in the rig, of one start.",
+        ),
+    ],
+    out: Annotated[
+        str, typer.Option("--out", metavar="FILE", help="Take to write: a name in the folder takes, or a path.")
+    ],
+    rig: Annotated[Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} By default rig.toml.")] = None,
+    detector: KeypointDetectorName = None,
+    model: ModelFile = None,
+    up: Annotated[str, typer.Option("--up", metavar="AXIS", help=UP_HELP)] = "y",
+    frames: FrameChoice = None,
+    fps: Fps = None,
+    settings_file: SettingsFile = None,
+    settings: Annotated[list[str] | None, set_option(FilmKeys, detector_keys)] = None,
+    json: JsonOut = None,
+) -> None:
+    """Track people in films of two or more calibrated cameras: detect keypoints, and write a take with people in 3D.
+
+    The films begin at the same instant. `mocapella replay`, `export` and `view` take the result; replay uses its
+    keypoints again, with other settings as well. A single film needs no rig: --set height_m=1.75 tells how tall people
+    are, and all distances are inferred. docs/webcams.md.
+
+    Example:  mocapella people left.mp4 right.mp4 --rig rig.toml --out walk-1
+    """
+    need_cameras("people")
+    from mocapella.library.calibration import named_inputs
+    from mocapella.library.keypoint_tracking import rig_with_y_up
+    from mocapella.sources.video import parse_frames
+    from mocapella.sources.video_set import VideoSet
+
+    keys, own = read_settings(FilmKeys, settings_file, settings)
+    paths = {name: Path(path) for name, path in named_inputs(films).items()}
+    method = METHOD if len(paths) > 1 else ALONE
+    names = method_setting_names(method) if method == ALONE else []
+    of_method = {name: own.pop(name) for name in names if name in own}
+    known = _unknown_lens(paths, of_method) if method == ALONE and rig is None else rig_with_y_up(_rig(rig), up)
+    shown = VideoSet(paths, known, frames=parse_frames(frames), rate_hz=fps, other_size=keys.other_size)
+    for note in shown.notes:
+        say(note)
+    finds = {name: opened_detector("people", detector, model, own) for name in shown.rig.cameras}
+    get_ready(method, status=INTERRUPTED)
+    path = record_file(out)
+    counts, whole = _track(path, shown, finds, method, of_method)
+    write_json(json, {"take": str(path), "whole": whole, **msgspec.to_builtins(counts)})
+    _tell(counts, path)
+    if not whole:
+        say("stopped before the end: what there is by now was written")
+        raise typer.Exit(INTERRUPTED)
+    if not counts.tracked:
+        raise typer.Exit(1)
+
+
+def _rig(path: Path | None) -> Any:
+    from mocapella.model.camera_rig_file import load_camera_rig
+
+    wanted = path or Path("rig.toml")
+    if path is None and not wanted.exists():
+        raise InputError(
+            "the cameras' poses are unknown", field="--rig",
+            fix="make a rig: mocapella calibrate cameras (a printed board) or calibrate people (none); docs/webcams.md",
+        )  # fmt: skip
+    return load_camera_rig(wanted)
+
+
+def _unknown_lens(paths: Mapping[str, Path], settings: Mapping[str, Any]) -> Any:
+    """Return a rig of one film whose camera was never calibrated; its field of view is a setting of the method."""
+    import math
+
+    import numpy as np
+
+    from mocapella.fusion.one_camera import camera_of_view
+    from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+    from mocapella.settings import parse
+    from mocapella.sources.video_set import probe
+    from mocapella.tracker.one_webcam import OneWebcamSettings
+
+    view = math.radians(parse(OneWebcamSettings, settings, where=f"settings of {ALONE}").field_of_view_deg)
+    ((name, path),) = paths.items()
+    size_px = probe(path).size_px
+    camera = Camera(name, size_px, camera_of_view(size_px, view))
+    return CameraRig({name: PlacedCamera(camera, np.eye(4), np.full((6, 6), np.nan))})
+
+
+def _track(
+    path: Path, shown: VideoSet, finds: Mapping[str, Any], method: str, settings: Mapping[str, Any]
+) -> tuple[FilmCounts, bool]:
+    """Track until the end or Ctrl-C; return the counts, and whether it was the end."""
+    from mocapella.live.file_take import FileTake
+    from mocapella.live.film_people import FilmPeople
+    from mocapella.live.signals import stop_on_signals
+    from mocapella.model.camera_rig_file import encode_camera_rig
+    from mocapella.model.session import Setup
+    from mocapella.tracker import make_tracker
+
+    used = {**settings, "rig": encode_camera_rig(shown.rig)}
+    count = len(shown.rig.cameras)
+    tracker: Tracker = make_tracker(method, sensors_expected=count, settings=used)
+    with ExitStack() as closing, stop_on_signals() as stop:
+        take = closing.enter_context(FileTake(path, Setup(method, count), used))
+        placed = shown.rig.cameras if method == METHOD else {}
+        run = FilmPeople(placed, finds, tracker, take.write)
+        whole = _follow(run, shown, stop)
+    for reason, frames in run.rejected.items():
+        say(f"{frames} images were not used: {reason}")
+    return run.counts, whole
+
+
+def _follow(run: FilmPeople, shown: VideoSet, stop: Any) -> bool:
+    columns = (
+        TextColumn("detecting and tracking"), BarColumn(), MofNCompleteColumn(), TextColumn("instants"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("people", total=shown.count)
+        for _ in run.steps(shown):
+            progress.advance(task)
+            if stop.is_set():
+                return shown.count is not None and run.counts.instants == shown.count
+    return True
+
+
+def _tell(counts: FilmCounts, path: Path) -> None:
+    for name, images in counts.images.items():
+        say(f"{name}: somebody in {counts.with_people[name]} of {images} images")
+    people = "1 person" if counts.ids == 1 else f"{counts.ids} people"
+    say(
+        f"{path}: {people} in all, at most {counts.most_people} at once, somebody tracked in {counts.tracked} of "
+        f"{counts.instants} instants"
+    )
+    if not counts.tracked:
+        nobody = [name for name, seen in counts.with_people.items() if not seen]
+        why = (
+            f"nobody is seen by {', '.join(nobody)}"
+            if nobody
+            else "do the films belong to the rig, and begin together?"
+        )
+        say(f"nobody was tracked: {why}")
+    else:
+        say(f"next: mocapella replay {path} --view, or mocapella export trc {path}")

@@ -1,0 +1,111 @@
+"""Calibrate cameras from people in keypoint files; `mocapella calibrate people` uses it too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mocapella.calibration.keypoint_tracks import CameraTracks, collect_tracks
+from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
+from mocapella.calibration.rig_from_people import RigFromPeopleSettings, solve_people
+from mocapella.errors import CalibrationError, InputError
+from mocapella.model.camera import Camera, CameraRig
+from mocapella.model.camera_rig_file import load_camera_rig
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.observations import check_sensor_name
+from mocapella.model.point_tracks import match_cameras
+from mocapella.recording.detection_files import read_detections
+from mocapella.recording.detections import AUTO, CameraDetections, keypoint_frames
+
+Progress = Callable[[str], None]
+
+
+def calibrate_people(
+    files: Sequence[Path | str] | Path | str,
+    *,
+    size_px: tuple[int, int] | None = None,
+    fps: float | None = None,
+    scale: RigScale | None = None,
+    rig: CameraRig | Path | str | None = None,
+    order: str = AUTO,
+    progress: Progress = lambda text: None,
+    **settings: Any,
+) -> RigFromPeople:
+    """Calibrate cameras from the people in their keypoint files.
+
+    found = mocapella.calibrate_people("session/pose", size_px=(1280, 720), fps=30)
+    save_camera_rig(Path("rig.toml"), found.rig)
+
+    Args:
+        files: a folder with a folder or file for each camera, or several folders or files, as `triangulate_people`.
+        size_px: (width, height) of the images; None for those of ``rig``.
+        fps: frame rate that the numbers of the frames follow; None for the times of the files [Hz].
+        scale: a stated length; None for a guess.
+        rig: an older rig, or its file: lenses, and world, are kept, and cameras that were moved are named.
+        order: order of keypoints without names, such as BODY_25; auto: by their number and places.
+        progress: called with a line about each stage.
+        settings: fields of `RigFromPeopleSettings`.
+
+    Returns:
+        The rig, the quality of each camera, and notes.
+
+    Raises:
+        CalibrationError: the people do not determine the cameras; says why, and what to do.
+        InputError: a file cannot be used, or there is no image size.
+        SettingsError: an argument is invalid; names the valid ones.
+    """
+    paths = [Path(path) for path in ([files] if isinstance(files, Path | str) else files)]
+    old = rig if isinstance(rig, CameraRig) or rig is None else load_camera_rig(Path(rig))
+    found = read_detections(paths, order=order, progress=lambda text: progress(f"reading {text}"))
+    frames = detected_frames(found, old, size_px, fps)
+    return calibrate_frames(frames, scale, old, RigFromPeopleSettings(**settings), progress)
+
+
+def detected_frames(
+    found: Sequence[CameraDetections], old: CameraRig | None, size_px: tuple[int, int] | None, fps: float | None
+) -> list[KeypointFrame]:
+    """Return the frames of all cameras, named as in an older rig if there is one.
+
+    Raises:
+        InputError: there is no image size, no time, or no person's keypoints.
+        SettingsError: a file's name is no camera's.
+    """
+    if old is not None:
+        names = match_cameras([one.camera for one in found], old.cameras)
+    else:
+        names = [check_sensor_name(one.camera.removesuffix("_json")) for one in found]
+    frames = []
+    for name, one in zip(names, found, strict=True):
+        size = size_px or (old.cameras[name].camera.size_px if old is not None else None)
+        if size is None:
+            raise InputError(
+                "the files have no image size", file=one.camera, fix="give it with --size, such as --size 1280x720"
+            )
+        frames += keypoint_frames(one, name, size, fps)
+    return frames
+
+
+def calibrate_frames(
+    frames: Sequence[KeypointFrame], scale: RigScale | None = None, old: CameraRig | None = None,
+    settings: RigFromPeopleSettings | None = None, progress: Progress = lambda text: None,
+) -> RigFromPeople:  # fmt: skip
+    """Calibrate cameras from keypoint frames, those of each camera in the order of their times.
+
+    Args:
+        frames: the frames of all cameras, on the cameras' own clocks.
+        scale, old, progress: as ``scale``, ``rig`` and ``progress`` of `calibrate_people`.
+        settings: how; the defaults if None.
+
+    Raises:
+        CalibrationError: the people do not determine the cameras; says why, and what to do.
+        SettingsError: a stated camera is not there.
+    """
+    tracks: Mapping[str, CameraTracks] = collect_tracks(frames)
+    known: dict[str, Camera] = {} if old is None else {name: placed.camera for name, placed in old.cameras.items()}
+    missing = [name for name in known if name not in tracks]
+    if old is not None and len(missing) == len(known):
+        raise CalibrationError(f"no camera of the given rig is there: it has {', '.join(known)}")
+    found = solve_people(tracks, known, settings, progress)
+    progress("placing the cameras …")
+    return place_rig(found, scale, old)

@@ -1,0 +1,150 @@
+"""Detect people in films of calibrated cameras, and track them: frames and scenes as of a live session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.conventions import NS_PER_S
+from mocapella.detectors.keypoint_detector import PeopleDetector, frame_of
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply
+from mocapella.model.camera import PlacedCamera
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.observations import Arrival, JointState
+from mocapella.model.scene import Scene
+from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.protocol import Tracker
+
+Float32 = NDArray[np.float32]
+
+FILM_NODE: Final = 1
+"""Id of the node of a film's frames."""
+FEWEST: Final = 6
+"""Least number of known joints in an image from which a person is expected there."""
+MARGIN: Final = 0.15
+"""Margin of the box of an expected person, part of its longer side."""
+Record = Callable[[KeypointFrame, Arrival, Scene], None]
+
+
+class FilmCounts(msgspec.Struct, frozen=True):
+    """Counts of a run.
+
+    Attributes:
+        instants: number of instants, with an image of each camera.
+        images: number of images by camera.
+        with_people: number of images by camera in which somebody was detected.
+        tracked: number of instants after which somebody was tracked.
+        most_people: largest number of people tracked at once.
+        ids: number of different people.
+    """
+
+    instants: int
+    images: Mapping[str, int]
+    with_people: Mapping[str, int]
+    tracked: int
+    most_people: int
+    ids: int
+
+
+class FilmPeople:
+    """Detects and tracks people in synchronised films.
+
+    The tracker's people are projected into each image before it is searched, so that a detector of one person finds
+    again who was hidden.
+
+    Args:
+        cameras: calibrated cameras by name; nobody is expected in images of other cameras.
+        detectors: a detector for each camera, by name.
+        tracker: a tracker of keypoints that has seen no frame yet.
+        record: receives each frame with its arrival and scene.
+    """
+
+    def __init__(
+        self,
+        cameras: Mapping[str, PlacedCamera],
+        detectors: Mapping[str, PeopleDetector],
+        tracker: Tracker,
+        record: Record = lambda frame, arrival, scene: None,
+    ) -> None:
+        self._cameras, self._detectors, self._tracker, self._record = cameras, detectors, tracker, record
+        self._scene: Scene | None = None
+        self._instants = self._tracked = self._most = 0
+        self._ids: set[int] = set()
+        self._images: dict[str, int] = dict.fromkeys(detectors, 0)
+        self._seen: dict[str, int] = dict.fromkeys(detectors, 0)
+
+    def steps(self, films: Iterable[FrameSet]) -> Iterator[Scene]:
+        """Yield the scene after each instant of the films; an instant is tracked when the iterator is advanced."""
+        for shown in films:
+            yield self.step(shown)
+
+    def step(self, shown: FrameSet) -> Scene:
+        """Detect people in the images of an instant, track them, and return the scene after the last camera.
+
+        Args:
+            shown: an image of at least one camera.
+        """
+        at_ns = shown.time_ns + 1  # a time of 0 is unknown
+        scene = self._scene
+        for name, image in shown.images.items():
+            finds = self._detectors[name]
+            placed = self._cameras.get(name)
+            regions = None
+            if placed is not None and self._scene is not None:
+                regions = expected_regions(self._scene, placed)
+            seen = finds.update(image, at_ns / NS_PER_S, regions)
+            size_px = (image.shape[1], image.shape[0])
+            made = frame_of(seen, finds.topology, name, at_ns, size_px)
+            frame = msgspec.structs.replace(made, node_id=FILM_NODE, sequence=self._images[name])
+            self._images[name] += 1
+            self._seen[name] += bool(frame.bodies)
+            arrival = Arrival(frame, at_ns)
+            scene = self._tracker.update(arrival)
+            self._record(frame, arrival, scene)
+        assert scene is not None  # there is an image
+        self._scene = scene
+        self._instants += 1
+        self._tracked += bool(scene.people)
+        self._most = max(self._most, len(scene.people))
+        self._ids |= {person.id for person in scene.people}
+        return scene
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Numbers of frames that the tracker did not use, by reason."""
+        return self._tracker.report.rejected
+
+    @property
+    def counts(self) -> FilmCounts:
+        """Counts so far."""
+        return FilmCounts(
+            self._instants, dict(self._images), dict(self._seen), self._tracked, self._most, len(self._ids)
+        )
+
+
+def expected_regions(scene: Scene, placed: PlacedCamera) -> Float32:
+    """Return the boxes (people, 4) left, top, right, bottom in which a scene's people are in a camera's image [px].
+
+    A person with too few known joints in the image (`FEWEST`) is left out.
+
+    Args:
+        scene: the last scene, world [m].
+        placed: the camera.
+    """
+    boxes: list[Any] = []
+    size = np.array(placed.camera.size_px, np.float64)
+    for person in scene.people:
+        known = np.asarray(person.states) != JointState.NOT_TRACKED
+        pixels = project(apply(placed.T_camera_world, person.positions[known]), placed.camera.lens)
+        inside = pixels[((pixels >= 0) & (pixels <= size - 1)).all(axis=-1)]  # NaN behind the camera compares false
+        if len(inside) < FEWEST:
+            continue
+        low, high = inside.min(axis=0), inside.max(axis=0)
+        wider = MARGIN * float((high - low).max())
+        boxes.append([*np.maximum(low - wider, 0), *np.minimum(high + wider, size - 1)])
+    return np.array(boxes, np.float32).reshape(-1, 4)

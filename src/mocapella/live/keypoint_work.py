@@ -1,0 +1,176 @@
+"""Keypoint detection in a camera's node: people in each image, counts, and warnings."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+
+from mocapella.conventions import NS_PER_S
+from mocapella.detectors.keypoint_detector import PeopleDetector, frame_of
+from mocapella.errors import NotNowError
+from mocapella.live.camera_node import FaultReports
+from mocapella.live.marker_work import DetectedPicture, colour_image
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.markers import marker_frame
+from mocapella.model.sensor_frame import SensorFrame
+from mocapella.sensing.colour_profile import ColourProfile
+from mocapella.sensing.markers import MarkerDetector
+from mocapella.sources.acquisition import Acquisition
+from mocapella.sources.picture_source import Picture
+
+MOST_SKIPPED: Final = 0.1
+"""Share of skipped images above which a warning is given."""
+LATELY: Final = 1000
+"""Number of last images whose age at the end of the detection is reported."""
+DARK: Final = 16.0
+"""Mean brightness below which an image counts as black [0 to 255]."""
+FLAT: Final = 2.0
+"""Standard deviation of the brightness below which an image counts as uniform [0 to 255]."""
+_EVERY_PX: Final = 8
+NO_COLOURS: Final = "this camera sends keypoints of people; mocapella node markers detects markers"
+
+
+class KeypointWork:
+    """Detects people in images; a `mocapella.live.camera_service.PictureWork` without markers.
+
+    Args:
+        camera: the camera's name.
+        acquisition: source of the images; used for its reports only.
+        finds: the detector, for this camera alone.
+
+    Attributes:
+        newest: the last processed image; None before the first.
+        detector: None; there are no markers.
+        late: number of images whose processing took longer than the frame period.
+        too_late: number of images whose keypoints were too old to send.
+        images: number of processed images.
+        with_people: number of these in which somebody was found.
+    """
+
+    def __init__(self, camera: str, acquisition: Acquisition, finds: PeopleDetector) -> None:
+        self.camera, self.acquisition, self._finds = camera, acquisition, finds
+        self.newest: DetectedPicture | None = None
+        self.detector: MarkerDetector | None = None
+        self.late = self.too_late = self.images = self.with_people = self._people = 0
+        self._took_s = 0.0
+        self._ages_s: deque[float] = deque(maxlen=LATELY)
+        self._dead = ""
+        self._warned = FaultReports()
+        self._before = (0, 0, 0)
+
+    def look(self, picture: Picture) -> KeypointFrame:
+        """Detect the people in an image (height, width, 3) uint8 BGR, keep it as ``newest``, and return their frame.
+
+        Node id, number and publication time are 0 until the frame is published.
+        """
+        image = colour_image(picture)
+        self._dead = dead(image)
+        seen = self._finds.update(image, picture.time_ns / NS_PER_S)
+        frame = frame_of(seen, self._finds.topology, self.camera, picture.time_ns, picture.size_px)
+        self.images, self._people = self.images + 1, frame.bodies
+        self.with_people += bool(frame.bodies)
+        nothing = marker_frame(
+            self.camera, (), time_ns=picture.time_ns, size_px=picture.size_px, positions_px=np.zeros((0, 2))
+        )
+        self.newest = DetectedPicture(picture, nothing, None)
+        return frame
+
+    def frame(self, picture: Picture) -> SensorFrame:
+        """Return the frame that is published for an image; see `look`."""
+        return self.look(picture)
+
+    def in_time(self, took_s: float, age_s: float, drop_after_s: float) -> bool:
+        """Update the counts ``late`` and ``too_late``; return whether an image's keypoints are recent enough to send.
+
+        Args:
+            took_s: duration of the detection [s].
+            age_s: time since the image was available [s].
+            drop_after_s: largest age of an image whose keypoints are sent [s].
+        """
+        fps = self.acquisition.state.fps
+        self._took_s += took_s
+        self._ages_s.append(age_s)
+        self.late += bool(fps and took_s > 1 / fps)
+        self.too_late += age_s > drop_after_s
+        return age_s <= drop_after_s
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of markers: none."""
+        return ()
+
+    def use(self, profile: ColourProfile) -> None:
+        """Refuse colours.
+
+        Raises:
+            NotNowError: always; names the node that detects markers.
+        """
+        raise NotNowError(NO_COLOURS)
+
+    def report(self) -> dict[str, Any]:
+        """Return counts since the start and current problems, in the form of ``--json``."""
+        pictures = self.acquisition.report()
+        return {
+            "source": self.acquisition.source.name,
+            "times": self.acquisition.source.times,
+            **asdict(pictures),
+            "images": self.images,
+            "with_people": self.with_people,
+            "people": self._people,
+            "late": self.late,
+            "too_late": self.too_late,
+            "skipped_share": self._skipped(pictures.taken, pictures.dropped, self.too_late),
+            "mean_ms": 1e3 * self._took_s / self.images if self.images else 0.0,
+            "p99_ms": 1e3 * float(np.percentile(self._ages_s, 99)) if self._ages_s else 0.0,
+            "markers": {},
+            "problems": [*self._problems((0, 0, 0)).values(), *self.acquisition.state.problems],
+        }
+
+    def words(self) -> str:
+        """Return the counts of the report as one line for the terminal."""
+        report = self.report()
+        rate = f"{report['fps']:.1f} a second; " if report["fps"] else ""
+        return (
+            f"{rate}{report['taken']} pictures taken, {100 * report['skipped_share']:.1f} % skipped, "
+            f"{report['mean_ms']:.0f} ms each; people now: {report['people']}"
+        )
+
+    def warnings(self, now_s: float) -> Iterator[str]:
+        """Yield faults since the last check, and recoveries; nothing if the last check is too recent.
+
+        ``now_s`` is the present time on a monotonic clock [s].
+        """
+        if not self._warned.due(now_s):
+            return
+        pictures = self.acquisition.report()
+        problems, self._before = self._problems(self._before), (pictures.taken, pictures.dropped, self.too_late)
+        yield from self._warned.update(problems, now_s)
+
+    def _problems(self, before: tuple[int, int, int]) -> dict[str, str]:
+        pictures, found = self.acquisition.report(), {}
+        if pictures.too_few:
+            found["rate"] = pictures.too_few
+        now = (pictures.taken, pictures.dropped, self.too_late)
+        share = self._skipped(*(a - b for a, b in zip(now, before, strict=True)))
+        if share > MOST_SKIPPED:
+            advice = "make the pictures smaller, lower --fps, close other programs, or use a faster detector"
+            found["skipped"] = f"the detector is too slow: {100 * share:.0f} % of the images are skipped; {advice}"
+        if self._dead:
+            found["image"] = f"its picture is {self._dead}; take the cover off the lens, and switch on a light"
+        return found
+
+    @staticmethod
+    def _skipped(taken: int, dropped: int, too_late: int) -> float:
+        return (dropped + too_late) / taken if taken > 0 else 0.0
+
+
+def dead(image: Any) -> str:
+    """Return whether an image (height, width, 3) uint8 is ``black`` or ``uniform``; empty if it shows something."""
+    some = image[::_EVERY_PX, ::_EVERY_PX].astype(np.float32).mean(axis=-1)
+    if some.mean() < DARK and some.max() < 2 * DARK:
+        return "black"
+    return "of one colour" if some.std() < FLAT else ""

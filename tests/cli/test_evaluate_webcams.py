@@ -1,0 +1,66 @@
+"""``mocapella lab evaluate webcams`` and ``lab train keypoint-errors``: tables, JSON and bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from mocapella.cli import import_commands
+from mocapella.cli.app import app
+from mocapella.cli.evaluate_webcams import _FIGURES, show_webcams
+from mocapella.evaluation.webcams import judged
+from mocapella.sources.simulate.crowd import crowd_names
+
+import_commands()
+VERB = ("lab", "evaluate", "webcams")
+
+
+def test_help_lists_the_scenes() -> None:
+    done = CliRunner().invoke(app, [*VERB, "--scenes", "help"])
+    assert done.exit_code == 0
+    assert all(name in done.output for name in crowd_names())
+
+
+def test_the_table_has_every_figure_and_verdict() -> None:
+    mean = dict.fromkeys(_FIGURES, 12.345)
+    person = {"present_percent": 100.0, "median_mm": 20.0, "p95_mm": 90.0, "ids": 1}
+    clip = {"people": [person], "others_percent": 0.0, "measured_percent": 90.0}
+    result = {"seeds": [0], "scenes": {"six-walk": {"mean": mean}}, "clips": {"pose2sim_single_person": clip}}
+    result["targets"] = judged(result)
+    out = Console(record=True, width=80)
+    show_webcams(result, out)
+    text = out.export_text()
+    assert text.count("12.35") >= len(_FIGURES)
+    assert "…" not in text
+    assert all(words.partition("\n")[0] in text for words in _FIGURES.values())
+    assert "six-walk: hota: 12.35 (≥ 0.95) met" in text
+    assert "person 1: p95_mm: 90.00 (≤ 80) not met" in text
+
+
+@pytest.mark.parametrize(("words", "said"), [(["--scenes", "nowhere"], "unknown scene"), (["--seeds", "x"], "--seeds")])
+def test_bad_input_is_named(words: list[str], said: str) -> None:
+    done = CliRunner().invoke(app, [*VERB, *words])
+    assert done.exit_code != 0
+    assert said in done.output + str(done.exception)
+
+
+@pytest.mark.slow
+def test_the_json_has_runs_and_targets(tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    done = CliRunner().invoke(app, [*VERB, "--scenes", "turning/2", "--json", str(out)])
+    assert done.exit_code == 0
+    result = json.loads(out.read_text(encoding="utf-8"))
+    assert set(result) == {"seeds", "scenes", "clips", "targets"}
+    assert set(_FIGURES) <= set(result["scenes"]["turning/2"]["mean"])
+
+
+def test_errors_are_not_measured_without_recordings(tmp_path: Path) -> None:
+    words = ["lab", "train", "keypoint-errors", str(tmp_path), "--out", str(tmp_path / "errors.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code != 0
+    assert "Calib_qualisys" in done.output + str(done.exception)
+    assert not (tmp_path / "errors.json").exists()

@@ -1,0 +1,164 @@
+"""Keypoints by a network from a file: kinds that fit are recognised, others are refused, and people are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.onnx_models import model
+
+from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS, make_keypoint_detector
+from mocapella.detectors.onnx_people import CropPeople, OneStagePeople, OnnxSettings, network_of, people_of
+from mocapella.detectors.onnx_pose import missing
+from mocapella.errors import InputError, SettingsError
+from mocapella.model.keypoints import NO_ID
+from mocapella.model.topology import topology
+
+FILE = Path("pose.onnx")
+IMAGE = ("image", "tensor(float)", ("batch", 3, 256, 192))
+SIMCC = (("simcc_x", (1, 17, 384)), ("simcc_y", (1, 17, 512)))
+RTMO = (("dets", (1, "n", 5)), ("keypoints", (1, "n", 17, 3)))
+
+
+def nothing(values: Any) -> Sequence[Any]:
+    return []
+
+
+@pytest.mark.parametrize(("outputs", "one_stage", "first"), [
+    (SIMCC, False, 0), (SIMCC[::-1], False, 1), (RTMO, True, 0), (RTMO[::-1], True, 1)])  # fmt: skip
+def test_networks_of_the_family_are_recognised(outputs: Any, one_stage: bool, first: int) -> None:
+    found = network_of(FILE, [IMAGE], outputs, nothing)
+    assert (found.one_stage, found.first, found.size_px, found.topology.name) == (
+        one_stage, first, (192, 256), "coco_17",
+    )  # fmt: skip
+    assert isinstance(people_of(found, OnnxSettings()), OneStagePeople if one_stage else CropPeople)
+
+
+@pytest.mark.parametrize(("count", "name"), [(17, "coco_17"), (26, "halpe_26"), (133, "coco_wholebody_133")])
+def test_the_number_of_keypoints_tells_the_topology(count: int, name: str) -> None:
+    outputs = [("simcc_x", (1, count, 384)), ("simcc_y", (1, count, 512))]
+    assert network_of(FILE, [IMAGE], outputs, nothing).topology is topology(name)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "named"),
+    [
+        ([IMAGE, IMAGE], SIMCC, "not one colour image"),
+        ([("image", "tensor(float)", (1, 1, 256, 192))], SIMCC, "not one colour image"),
+        ([("image", "tensor(uint8)", (1, 3, 256, 192))], SIMCC, r"tensor\(uint8\)"),
+        ([("image", "tensor(float)", (1, 3, "h", "w"))], SIMCC, "fixed size"),
+        ([IMAGE], SIMCC[:1], "gives 1 outputs"),
+        ([IMAGE], (("heatmaps", (1, 17, 64, 48)), ("tags", (1, 17, 64, 48))), "another kind"),
+        ([IMAGE], (("simcc_x", (1, 17, 384)), ("simcc_y", (1, 18, 512))), "another kind"),
+        ([IMAGE], (("simcc_x", (1, 5, 384)), ("simcc_y", (1, 5, 512))), "17, 26, 133"),
+        ([IMAGE], (("dets", (1, 9, 6)), ("keypoints", (1, 9, 17, 3))), "boxes of 6"),
+    ],
+)
+def test_another_kind_of_network_is_refused_with_what_fits(inputs: Any, outputs: Any, named: str) -> None:
+    with pytest.raises(InputError, match=rf"pose\.onnx.*{named}.*RTMPose"):
+        network_of(FILE, inputs, outputs, nothing)
+
+
+def squares(image: np.ndarray) -> Sequence[Any]:
+    """A top-down network that sees the brightest place of its crop as all keypoints around it."""
+    red = image[0, 0]
+    x, y = np.full((1, 17, 384), -1.0, np.float32), np.full((1, 17, 512), -1.0, np.float32)
+    sure = float(red.max() > red.min() + 1)
+    rows, columns = np.nonzero(red >= red.max() - 0.5)
+    xs = np.linspace(columns.min(), columns.max(), 17)
+    ys = rows.min() + (rows.max() - rows.min()) * (np.arange(17) % 3) / 2
+    for k in range(17):
+        x[0, k, round(2 * xs[k])] = y[0, k, round(2 * ys[k])] = 0.9 * sure
+    return [x, y]
+
+
+def picture(*corners: tuple[int, int]) -> np.ndarray:
+    image = np.zeros((240, 320, 3), np.uint8)
+    for x, y in corners:
+        image[y : y + 60, x : x + 30] = 255
+    return image
+
+
+def test_a_top_down_network_follows_a_person() -> None:
+    finds = CropPeople(network_of(FILE, [IMAGE], SIMCC, squares), OnnxSettings(search_every_s=0.0))
+    for k, x in enumerate((100, 106, 112)):
+        seen = finds.update(picture((x, 90)), k / 10)
+        assert seen.ids.tolist() == [0]
+        middle = np.nanmean(seen.positions_px[0], axis=0)
+        assert np.abs(middle - [x + 14.5, 119.5]).max() < 4
+    assert finds.update(picture(), 1.0).ids.tolist() == []
+    assert finds.update(picture((20, 90)), 2.0).ids.tolist() == [1]
+    finds.reset()
+    assert finds.update(picture((20, 90)), 3.0).ids.tolist() == [0]
+
+
+def test_a_region_leads_a_top_down_network_to_a_person() -> None:
+    finds = CropPeople(network_of(FILE, [IMAGE], SIMCC, squares), OnnxSettings())
+    region = np.array([[195, 85, 235, 155]], np.float32)
+    seen = finds.update(picture((200, 90)), 0.0, region)
+    assert seen.ids.tolist() == [0]
+    assert np.abs(np.nanmean(seen.positions_px[0], axis=0) - [214.5, 119.5]).max() < 3
+
+
+def test_several_people_have_several_crops() -> None:
+    finds = CropPeople(network_of(FILE, [IMAGE], SIMCC, squares), OnnxSettings())
+    regions = np.array([[15, 85, 55, 155], [195, 85, 235, 155]], np.float32)
+    seen = finds.update(picture((20, 90), (200, 90)), 0.0, regions)
+    assert seen.ids.tolist() == [0, 1]
+    again = finds.update(picture((22, 90), (198, 90)), 0.1)
+    assert again.ids.tolist() == [0, 1]
+    assert np.nanmean(again.positions_px[:, :, 0], axis=1) == pytest.approx([36.5, 212.5], abs=4)
+
+
+def test_a_one_stage_network_sees_the_image_letterboxed() -> None:
+    boxes = np.array([[[10, 10, 60, 110, 0.8], [100, 10, 150, 110, 0.2]]], np.float32)
+    points = np.full((1, 2, 17, 3), 40.0, np.float32)
+    points[..., 2] = 0.7
+    seen_shapes = []
+
+    def run(image: np.ndarray) -> Sequence[Any]:
+        seen_shapes.append(image.shape)
+        return [points, boxes]
+
+    network = network_of(FILE, [("image", "tensor(float)", (1, 3, 160, 160))], RTMO[::-1], run)
+    seen = OneStagePeople(network, OnnxSettings()).update(np.zeros((240, 320, 3), np.uint8), 0.0)
+    assert seen_shapes == [(1, 3, 160, 160)]
+    assert seen.ids.tolist() == [NO_ID]
+    np.testing.assert_allclose(seen.positions_px, np.full((1, 17, 2), 80.5), atol=1e-3)
+    np.testing.assert_allclose(seen.confidences, np.full((1, 17), 0.7), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"most_people": 0}, {"least_confidence": -1}, {"search_every_s": 61}, {"threads": -1}]
+)
+def test_wrong_settings_of_networks_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        OnnxSettings(**wrong)
+
+
+def test_a_missing_runtime_is_named_with_its_remedy() -> None:
+    assert "--extra onnx" in missing({"cv2": True, "onnxruntime": False})
+    assert "--extra cameras" in missing({"cv2": False, "onnxruntime": True})
+
+
+def test_files_of_models_are_opened_and_others_refused(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    assert KEYPOINT_DETECTORS["onnx"].missing() == ""
+    with pytest.raises(InputError, match="--model FILE"):
+        make_keypoint_detector("onnx")
+    boxes = np.array([[[10, 10, 60, 110, 0.8]]], np.float32)
+    points = np.full((1, 1, 26, 3), 0.5, np.float32)
+    (tmp_path / "rtmo.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}))
+    finds = make_keypoint_detector("onnx", {"threads": 1}, tmp_path / "rtmo.onnx")
+    assert finds.topology is topology("halpe_26")
+    seen = finds.update(np.zeros((160, 160, 3), np.uint8), 0.0)
+    np.testing.assert_allclose(seen.positions_px, points[..., :2].reshape(1, 26, 2), atol=1e-5)
+    (tmp_path / "grey.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, channels=1))
+    (tmp_path / "free.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, fixed=False))
+    (tmp_path / "bad.onnx").write_bytes(b"no model")
+    for name, fault in (("grey", "colour"), ("free", "fixed size"), ("bad", "is no ONNX model")):
+        with pytest.raises(InputError, match=rf"{name}\.onnx.*{fault}"):
+            make_keypoint_detector("onnx", None, tmp_path / f"{name}.onnx")
