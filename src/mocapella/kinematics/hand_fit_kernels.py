@@ -132,6 +132,16 @@ def _add(J: Float64, at: Int64, n: int, W: Float64, rx: float, ry: float, rz: fl
 
 
 @njit(cache=True)
+def _place(point: int, base: int) -> tuple[int, int]:
+    """Return the digit of a measured point, −1 for one of the base, and its index among the digit's joints and tip."""
+    if point < 5:
+        return point, 3
+    if point < 5 + base:
+        return -1, 3
+    return (point - 5 - base) // 2, 1 + (point - 5 - base) % 2
+
+
+@njit(cache=True)
 def _measured(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
@@ -143,16 +153,17 @@ def _measured(
     for i in range(len(points)):
         if information[i, 0, 0] == 0.0:
             continue
-        if i < 5:
-            digit_angles(z, columns, gains, i, q)
-            digit_points(digits[i], mirror, q, x, axes)
+        digit, joint = _place(i, len(layout))
+        if digit >= 0:
+            digit_angles(z, columns, gains, digit, q)
+            digit_points(digits[digit], mirror, q, x, axes)
         else:
             x[3, 0], x[3, 1], x[3, 2] = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
-        n = _columns_of(i if i < 5 else -1, len(x) - 1, x, axes, columns, gains, J, at)
+        n = _columns_of(digit, joint, x, axes, columns, gains, J, at)
         dx, dy, dz = points[i, 0] - t[0], points[i, 1] - t[1], points[i, 2] - t[2]
-        rx = R[0] * dx + R[3] * dy + R[6] * dz - x[3, 0]
-        ry = R[1] * dx + R[4] * dy + R[7] * dz - x[3, 1]
-        rz = R[2] * dx + R[5] * dy + R[8] * dz - x[3, 2]
+        rx = R[0] * dx + R[3] * dy + R[6] * dz - x[joint, 0]
+        ry = R[1] * dx + R[4] * dy + R[7] * dz - x[joint, 1]
+        rz = R[2] * dx + R[5] * dy + R[8] * dz - x[joint, 2]
         for a in range(3):
             for b in range(3):
                 value = 0.0
@@ -272,8 +283,9 @@ def fit(
         digits: (5, `DIGIT`) of `hand_kernels`.
         mirror: -1 for a left hand, else 1.
         layout: (k, 3) the base's markers in the palm's frame of a right hand [m].
-        points: (5 + k, 3) measured tips, then the base's markers, world [m].
-        information: (5 + k, 3, 3) inverse covariances [1/m²]; 0 where a marker is not used.
+        points: (5 + k, 3) measured tips, then the base's markers, world [m]; or (15 + k, 3) with each digit's second
+            and third joint after them.
+        information: (…, 3, 3) inverse covariances [1/m²]; 0 where a marker is not used.
         columns, gains: (5, 5) index and factor of the free angle that each of a digit's angles f, a, m, b, c follows;
             -1: held at 0.
         c_max: limit of c [rad].
@@ -356,7 +368,7 @@ def describe(
         sd: (21,) written: standard deviation of a coordinate, from all information [m].
         alone: (21,) written: standard deviation of a coordinate, from the markers alone [m].
         covariance: (6 + n, 6 + n) written: of the palm's twist and of the free angles, from all information.
-        residuals: (5 + k,) written: distances of the measured markers from the fitted ones [m]; NaN where not finite.
+        residuals: (…,) written: distances of the measured markers from the fitted ones [m]; NaN where not finite.
 
     Returns:
         Whether the covariance exists.
@@ -407,8 +419,10 @@ def describe(
         sd[landmark] = math.sqrt(all_of / 3.0)
         alone[landmark] = math.sqrt(of_markers / 3.0)
     for i in range(len(points)):
-        if i < 5:
-            px, py, pz = x[4 * i + 4, 0], x[4 * i + 4, 1], x[4 * i + 4, 2]
+        digit, joint = _place(i, len(layout))
+        if digit >= 0:
+            k = 4 * digit + 1 + joint
+            px, py, pz = x[k, 0], x[k, 1], x[k, 2]
         else:
             lx, ly, lz = mirror * layout[i - 5, 0], layout[i - 5, 1], layout[i - 5, 2]
             px = t[0] + R[0] * lx + R[1] * ly + R[2] * lz
@@ -428,7 +442,7 @@ def misfits(
     Args:
         digits, mirror, layout, points, information, columns, gains, R, t, z: the hand and its measurements, as in
             `fit`; not changed.
-        squared: (5 + k,) written [χ²].
+        squared: (…,) written [χ²].
     """
     n = 6 + len(z)
     H, g, alone = np.zeros((n, n)), np.zeros(n), np.zeros_like(information)

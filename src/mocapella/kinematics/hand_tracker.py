@@ -29,6 +29,8 @@ from mocapella.settings import check
 Float64 = NDArray[np.float64]
 
 _COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
+_JOINTS: Final = (2, 3, 6, 7, 10, 11, 14, 15, 18, 19)
+"""Landmarks of each digit's second and third joint, in the order of measured joints."""
 _LEAST_SD_M: Final = 1e-6
 """Least standard deviation of a marker, so that the normal equations can be solved [m]."""
 _SPEED_S: Final = 1 / 60
@@ -66,6 +68,7 @@ class HandTracker:
         base_markers: (k, 3) positions of the base's markers in the palm's frame of a right hand, k ≥ 1; of a left hand,
             mirrored [m].
         settings: priors and thresholds; the defaults if None.
+        joints: whether each digit's second and third joint are measured, too, after the tips and the base.
         solver: one of `SOLVER_NAMES`: ``map`` fits palm and angles together; another takes the palm of that fit, and
             solves the angles of the digits whose tips are seen. Standard deviations are always those of the fit.
 
@@ -84,12 +87,16 @@ class HandTracker:
         base_markers: Any,
         settings: HandSettings | None = None,
         solver: str = MAP,
+        *,
+        joints: bool = False,
     ) -> None:
         check(solver in SOLVER_NAMES, "solver", solver, f"one of {one_of(solver, SOLVER_NAMES)}")
         layout = np.ascontiguousarray(base_markers, dtype=np.float64)
         good = layout.ndim == 2 and layout.shape[1:] == (3,) and len(layout) >= 1 and (np.abs(layout) < 0.5).all()
         check(bool(good), "base_markers", np.shape(base_markers), "(k, 3), k ≥ 1, each within 0.5 m of the wrist")
         self.model, self.shape, self.layout = model, shape, layout
+        self._base = slice(5, 5 + len(layout))
+        self._markers_count = 5 + len(layout) + (len(_JOINTS) if joints else 0)
         self.settings = settings or HandSettings()
         self.solver = ClosedForm(model, shape)
         self.chain = hand_chain(model, shape)
@@ -109,7 +116,7 @@ class HandTracker:
         """Forget everything, as if newly made."""
         self._state: _State | None = None
         self.fingers: Fingers | None = None
-        markers = 5 + len(self.layout)
+        markers = self._markers_count
         self.report = HandReport(rejected=[0] * markers, missing=[0] * markers)
 
     def update(self, points: Any, at_s: float, uncertainty: Any = None) -> Hand:
@@ -117,9 +124,9 @@ class HandTracker:
 
         Args:
             points: (5 + k, 3) fingertips from the thumb to the little finger, then the base's markers, world [m]; NaN
-                where one is not seen.
+                where one is not seen. With ``joints`` (15 + k, 3): then the second and third joint of each digit.
             at_s: capture time [s]; a time before the last update's counts as that of the last update.
-            uncertainty: (5 + k,) standard deviations of a coordinate [m] or (5 + k, 3, 3) covariances [m²]; the
+            uncertainty: (…,) standard deviations of a coordinate [m] or (…, 3, 3) covariances [m²] of the points; the
                 settings' if None. A marker whose uncertainty is not positive and finite is not used.
 
         Returns:
@@ -152,12 +159,52 @@ class HandTracker:
             self._state, information = fitted
         return self._described(self._state, before, points, information, bool(seen.any()))
 
+    def predicted(self, at_s: float) -> Float64 | None:
+        """Return the landmarks (21, 3) that are predicted for a time, world [m]; None without a hand. Nothing changes.
+
+        Args:
+            at_s: time, not before that of the last update [s].
+        """
+        state = self._predicted(at_s)
+        return None if state is None else apply(state.T, palm_landmarks(self.chain, self._angles(state.z)))
+
+    @property
+    def state(self) -> _State | None:
+        """Pose, angles and velocities of the hand, for `recall`; None without a hand."""
+        return self._state
+
+    def recall(self, state: _State | None, report: HandReport) -> None:
+        """Replace all state by a `state` and a `report` of a tracker of the same hand.
+
+        Raises:
+            InputError: they are of another hand.
+        """
+        n = 6 + len(self._mean)
+        good = state is None or (state.z.shape == (n - 6,) and state.covariance.shape == (n, n))
+        if not (good and len(report.missing) == self._markers_count):
+            raise InputError("is no state of this hand", field="state", fix="take that of the same markers and model")
+        self._state, self.report = state, report
+
+    def resized(self, shape: HandShape, base_markers: Any) -> HandTracker:
+        """Return a tracker of a hand of another size that continues this one: its pose, angles and counts.
+
+        Args:
+            shape: the new lengths, of the same side.
+            base_markers: (k, 3) their base's markers, as many as before [m].
+        """
+        joints = self._markers_count > self._base.stop
+        solver = MAP if self._inverse is None else self._inverse.name
+        other = HandTracker(self.model, shape, base_markers, self.settings, solver, joints=joints)
+        other._state, other.report = self._state, self.report
+        return other
+
     def _checked(self, points: Any, at_s: float, uncertainty: Any) -> tuple[Float64, Float64, float]:
         """Check the measurements; return points, inverse covariances (0 for an unused marker), and the time."""
-        n = 5 + len(self.layout)
+        n = self._markers_count
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.shape != (n, 3):
-            fix = f"give ({n}, 3): five fingertips and {n - 5} of the base"
+            joints = f", {len(_JOINTS)} joints" if n > self._base.stop else ""
+            fix = f"give ({n}, 3): five fingertips and {len(self.layout)} of the base{joints}"
             raise InputError("are no markers of this hand", field="points", value=points.shape, fix=fix)
         if not np.isfinite(at_s):
             raise InputError("is no time", field="at_s", value=at_s, fix="give seconds")
@@ -232,7 +279,7 @@ class HandTracker:
     def _found(self, points: Float64, information: Float64, at_s: float) -> tuple[_State, Float64] | None:
         """Acquire a hand, from several initial poses; None with fewer than three tips or without a base marker."""
         seen = information[:, 0, 0] > 0
-        if seen[:5].sum() < 3 or not seen[5:].any():
+        if seen[:5].sum() < 3 or not seen[self._base].any():
             return None
         starts = []
         for z, markers in self._templates:
@@ -251,16 +298,16 @@ class HandTracker:
 
     def _direct(self, points: Float64, information: Float64, z: Float64) -> tuple[Float64, Float64] | None:
         """Align the palm to three or more base markers, else None; solve the fingers in closed form."""
-        base = information[5:, 0, 0] > 0
+        base = information[self._base, 0, 0] > 0
         if base.sum() < 3:
             return None
-        weights = np.trace(information[5:], axis1=1, axis2=2)[base]
+        weights = np.trace(information[self._base], axis1=1, axis2=2)[base]
         layout = self.layout[base] * self.shape.mirror
         # The part across the longest direction: what keeps the palm from turning about it.
         spread = np.linalg.svd(layout - layout.mean(axis=0), compute_uv=False)
         if spread[1] < 0.005:
             return None
-        T = align(moments(points[5:][base], layout, weights))
+        T = align(moments(points[self._base][base], layout, weights))
         tips = np.where((information[:5, 0, 0] > 0)[:, None], points[:5], np.nan)
         start = self._angles(z)
         found = self.solver.solve(apply(inverse(T), tips), start)
@@ -314,7 +361,7 @@ class HandTracker:
         return best, kept
 
     def _misfits(self, pose: tuple[Float64, Float64], points: Float64, information: Float64) -> Float64:
-        """Return the markers' squared Mahalanobis distances (5 + k,) from a posed hand."""
+        """Return the markers' squared Mahalanobis distances (markers,) from a posed hand."""
         T, z = pose
         out = np.empty(len(points))
         _fitting().misfits(
@@ -343,9 +390,10 @@ class HandTracker:
         return best
 
     def _markers(self, T: Float64, z: Float64) -> Float64:
-        """Return the markers (5 + k, 3) of a posed hand [m]."""
-        tips = palm_landmarks(self.chain, self._angles(z))[list(TIPS)]
-        return apply(T, np.concatenate([tips, self.layout * self.shape.mirror]))
+        """Return the markers of a posed hand, in the order of `update` [m]."""
+        x = palm_landmarks(self.chain, self._angles(z))
+        joints = x[list(_JOINTS[: self._markers_count - self._base.stop])]
+        return apply(T, np.concatenate([x[list(TIPS)], self.layout * self.shape.mirror, joints]))
 
     def _angles(self, z: Float64) -> Float64:
         """Return all angles (21,) for the free ones [rad]."""

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.model.keypoints import KeypointFrame
@@ -19,6 +20,9 @@ FIRST_PERIOD_NS: Final = 40_000_000
 """Frame period that is assumed of a camera before its second frame [ns]."""
 FORGETS: Final = 0.2
 """Weight of a new interval in the running mean of a camera's period."""
+
+MOST_DETECTIONS: Final = 32
+"""Detections of one image that are used, those with most confidence first."""
 
 
 class InstantFrame(msgspec.Struct, frozen=True, eq=False):
@@ -110,6 +114,13 @@ class Instants:
         instant = CameraInstant(at_ns, dict(sorted(self._open.items())))
         self._open, self._last_ns = {}, at_ns
         return instant
+
+
+def most_confident(frame: KeypointFrame) -> Any:
+    """Return the indices of the detections that are used, in their order."""
+    if len(frame.ids) <= MOST_DETECTIONS:
+        return np.arange(len(frame.ids))
+    return np.sort(np.argsort(-frame.confidences.sum(axis=1), kind="stable")[:MOST_DETECTIONS])
 
 
 MEMORY: Final = ("_open", "_heard_ns", "_period_ns", "_last_ns")

@@ -1,10 +1,11 @@
-"""The method ``webcams``: track people in 3D with several calibrated cameras, from keypoints in their images.
+"""The method ``webcams``: track people and hands in 3D with several calibrated cameras, from keypoints in their images.
 
     instants = collect(frames)                 one frame of each camera
     people   = predict(people)
     matches  = assign(people, detections)      optimal in each camera
     new      = group(other detections)         consistent over all cameras
     people   = correct(people, rays)           a body model, each ray at its own time
+    hands    = fit(hands, landmarks)           at the wrists of people, or alone
 
 See docs/methods/webcams.md.
 """
@@ -19,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.hand_keypoints import hand_sources
 from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_of
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, WireError, one_of
@@ -30,16 +32,18 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
-from mocapella.model.scene import Person, Phase, Scene, SensorPlace, TrackerState
+from mocapella.model.scene import Person, Phase, Scene, SensorPlace, TrackedHand, TrackerState
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.tracker.arrivals import time_problem
 from mocapella.tracker.instants import MEMORY as INSTANTS_MEMORY
-from mocapella.tracker.instants import CameraInstant, InstantFrame, Instants
+from mocapella.tracker.instants import MOST_DETECTIONS, CameraInstant, InstantFrame, Instants, most_confident
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
 from mocapella.tracker.webcams_conditions import place_of, problems, trouble
+from mocapella.tracker.webcams_hands import KINDS as HAND_KINDS
+from mocapella.tracker.webcams_hands import WebcamsHands
 from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
 from mocapella.tracker.webcams_identity import Identities, LostPerson, ready
 from mocapella.tracker.webcams_memory import CANDIDATE, no_counts, no_people
@@ -52,12 +56,10 @@ APART_M: Final = 0.05
 """Two cameras nearer than this see no distance [m]."""
 ALONE_S: Final = 0.25
 """Time without agreement of two cameras after which a person's condition tells so [s]."""
-MOST_DETECTIONS: Final = 32
-"""Detections of one image that are used, those with most confidence first."""
 
 
 class WebcamsTracker:
-    """Tracker of the method ``webcams``: people, from the keypoints that calibrated cameras see.
+    """Tracker of the method ``webcams``: people and hands, from the keypoints that calibrated cameras see.
 
     Args:
         rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
@@ -85,6 +87,7 @@ class WebcamsTracker:
         self._instants = Instants(s.silent_after_s, len(rig.cameras))
         self._identities = Identities(s)
         self._set_rig(rig)
+        self._hands = WebcamsHands(s, rig)
         self.reset()
 
     def _set_rig(self, rig: CameraRig) -> None:
@@ -115,12 +118,14 @@ class WebcamsTracker:
             SettingsError: the rig has fewer than two cameras, or all are at one place.
         """
         self._set_rig(rig)
+        self._hands.set_rig(rig)
         self.recalibrate(reason)
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self._instants.reset()
         self._identities.reset()
+        self._hands.reset()
         self._newest: dict[str, tuple[int, int]] = {}
         self._rejected: Counter[str] = Counter()
         self._steps = 0
@@ -132,7 +137,7 @@ class WebcamsTracker:
         self._counts = no_counts(len(self._names))
         self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
         self._partial = False
-        self._scene_of: tuple[int, tuple[Person, ...], tuple[SensorPlace, ...]] | None = None
+        self._scene_of: tuple[int, tuple[Person, ...], tuple[TrackedHand, ...], tuple[SensorPlace, ...]] | None = None
 
     def recalibrate(self, reason: str) -> None:
         """Forget all people, and find them anew; the rig, the numbers given so far and the counts of `report` stay.
@@ -142,6 +147,7 @@ class WebcamsTracker:
         """
         self._instants.reset()
         self._identities.forget_people()
+        self._hands.forget_hands()
         self._forget_people()
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected, reason=reason)
 
@@ -149,7 +155,8 @@ class WebcamsTracker:
         """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people, counts = self._people._asdict(), self._counts._asdict()
-        return pack([own, people, counts, self._instants.memory(), self._identities.memory()], _REMEMBERED)
+        parts = [self._instants.memory(), self._identities.memory(), self._hands.memory()]
+        return pack([own, people, counts, *parts], _REMEMBERED)
 
     @recalls
     def restore(self, data: bytes) -> None:
@@ -158,13 +165,14 @@ class WebcamsTracker:
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
-        own, people, counts, instants, identities = unpack(data, _REMEMBERED)
+        own, people, counts, instants, identities, hands = unpack(data, _REMEMBERED)
         self._scene_of = None
         self._people = _arrays_like(no_people(self._row), people)
         self._counts = _arrays_like(no_counts(len(self._names)), counts)
         set_memory(self, own, _OWN_MEMORY)
         set_memory(self._instants, instants, INSTANTS_MEMORY)
         set_memory(self._identities, identities, IDENTITY_MEMORY)
+        self._hands.recall(hands)
 
     @property
     def report(self) -> TrackerReport:
@@ -190,11 +198,12 @@ class WebcamsTracker:
                 self._scene_of = None
         if self._scene_of is None or self._scene_of[0] != arrival.at_ns:
             people = self._shown(arrival.at_ns / NS_PER_S)
-            self._scene_of = (arrival.at_ns, people, problems(self._places, self._counts))
+            hands = self._hands.shown(arrival.at_ns / NS_PER_S)
+            self._scene_of = (arrival.at_ns, people, hands, problems(self._places, self._counts))
         step, self._steps = self._steps, self._steps + 1
-        _, people, sensors = self._scene_of
+        _, people, hands, sensors = self._scene_of
         halpe = topology("halpe_26")
-        return scene_at(arrival, step, self._state, {"people": people}, topology=halpe, sensors=sensors)
+        return scene_at(arrival, step, self._state, {"people": people, "hands": hands}, topology=halpe, sensors=sensors)
 
     def _problem(self, frame: SensorFrame, at_ns: int) -> str:
         """Return why a frame is rejected, with a remedy; empty if it is used."""
@@ -217,7 +226,7 @@ class WebcamsTracker:
         if frame.size_px != size:
             own = f"{frame.size_px[0]} × {frame.size_px[1]}"
             return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
-        if _sources(frame.topology.name) is None:
+        if _sources(frame.topology.name) is None and not hand_sources(frame.topology.name):
             return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
         return ""
 
@@ -244,6 +253,7 @@ class WebcamsTracker:
         if (people.ids == CANDIDATE).any():
             for row in ready(people, s, agreed, self._cameras.origins):
                 self._identities.confirm(people, row, at_s, agreed, kernels.forget)
+        self._hands.update(instant, matches, people)
         self._at_s, self._partial = at_s, len(instant.frames) < len(self._instants.active())
         if math.isnan(self._began_s):
             self._began_s = at_s
@@ -252,7 +262,8 @@ class WebcamsTracker:
 
     def _rays(self, instant: CameraInstant) -> tuple[Float64, Rays, Bools]:
         """Return the keypoints of all detections of an instant, their cameras and times, and who delivered."""
-        count = sum(min(len(one.frame.ids), MOST_DETECTIONS) for one in instant.frames.values())
+        bodies = {name: one for name, one in instant.frames.items() if _sources(one.frame.topology.name) is not None}
+        count = sum(min(len(one.frame.ids), MOST_DETECTIONS) for one in bodies.values())
         pixels = np.full((count, JOINTS, 2), np.nan)
         rays = Rays(
             np.zeros(count, dtype=np.int64), np.zeros(count), np.full((count, JOINTS, 3), np.nan),
@@ -260,10 +271,10 @@ class WebcamsTracker:
         )  # fmt: skip
         delivered = np.zeros(len(self._names), dtype=np.bool_)
         least, first = self.settings.association.least_confidence, 0
-        for name, one in instant.frames.items():
+        for name, one in bodies.items():
             frame, column = one.frame, self._column[name]
             delivered[column] = True
-            chosen = _most_confident(frame)
+            chosen = most_confident(frame)
             last = first + len(chosen)
             sources: Any = _sources(frame.topology.name)
             sure = np.where(sources >= 0, frame.confidences[chosen][:, sources], 0.0)
@@ -324,13 +335,6 @@ def _check_rig(rig: CameraRig) -> None:
         raise SettingsError(f"rig has all cameras within {APART_M * 100:g} cm, which see no distance; it must be {fix}")
 
 
-def _most_confident(frame: KeypointFrame) -> Any:
-    """Return the indices of the detections that are used, in their order."""
-    if len(frame.ids) <= MOST_DETECTIONS:
-        return np.arange(len(frame.ids))
-    return np.sort(np.argsort(-frame.confidences.sum(axis=1), kind="stable")[:MOST_DETECTIONS])
-
-
 def _middle_row(pixels: Float64, confidences: Float64) -> Float64:
     rows = np.where(confidences > 0.0, pixels[..., 1], 0.0).sum(axis=1)
     middle: Float64 = rows / np.maximum((confidences > 0.0).sum(axis=1), 1)
@@ -361,4 +365,4 @@ def _kernels() -> Any:
 
 
 _OWN_MEMORY: Final = ("_newest", "_rejected", "_steps", "_began_s", "_shown_s", "_at_s", "_partial", "_state")
-_REMEMBERED: Final = (KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase)
+_REMEMBERED: Final = (KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase, *HAND_KINDS)

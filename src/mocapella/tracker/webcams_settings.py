@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mocapella.association.hand_keypoints import HandKeypointSettings
 from mocapella.association.keypoint_rays import KeypointAssociationSettings
 from mocapella.settings import check
 
@@ -14,6 +15,7 @@ class WebcamsSettings:
 
     Attributes:
         association: assignment of detections to people, and new people.
+        hands: hands, and their people.
         confirm_instants: number of instants in which two cameras must agree before a person is shown; larger: fewer
             phantoms, and people are shown later [count].
         sure_cameras: number of cameras whose agreement shows a person at once; larger: fewer phantoms, and people are
@@ -43,6 +45,7 @@ class WebcamsSettings:
     """
 
     association: KeypointAssociationSettings = field(default_factory=KeypointAssociationSettings)
+    hands: HandKeypointSettings = field(default_factory=HandKeypointSettings)
     confirm_instants: int = 3
     sure_cameras: int = 3
     unseen_s: float = 0.7

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, rigid
+from mocapella.kinematics.hand_chain import hand_chain, landmarks
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
+from mocapella.model.hand import HandPose, hand_model
 from mocapella.model.keypoints import keypoint_frame
 from mocapella.model.observations import Arrival
 from mocapella.model.topology import topology
@@ -28,6 +30,10 @@ _STANDING: Final = {
     "SmallToe": (0.17, 0.02, 0.15), "Heel": (0.1, 0.02, -0.05),
 }  # fmt: skip
 """Joints of a person of 1.74 m who faces z, without side: x of the left one, height, and z [m]."""
+
+
+_REST: Final = HandPose(hand_model("full").natural, rigid(np.eye(3), (0.0, 1.0, 0.0)))
+"""A hand at rest, between the cameras."""
 
 
 def standing_person() -> Float64:
@@ -91,7 +97,7 @@ def warm_up_tracker() -> WebcamsTracker:
 
 
 def warm_up_arrivals() -> Iterator[Arrival]:
-    """Yield frames of a person who moves, is seen by one camera only, and by none."""
+    """Yield frames of a person who moves, is seen by one camera only, and by none; then of a hand."""
     rig, joints = circle_of_cameras(3), standing_person()
     for k in range(20):
         people = [joints + np.array([0.02 * k, 0.0, 0.0])] if k < 16 else []
@@ -99,3 +105,13 @@ def warm_up_arrivals() -> Iterator[Arrival]:
         for i, arrival in enumerate(seen_people(rig, people, at_ns=at_ns, sequence=k)):
             if i == 0 or not 10 <= k < 13:
                 yield arrival
+    hand = landmarks(hand_chain(hand_model("full"), hand_model("full").shape("left")), _REST)
+    for k in range(20, 24):
+        at_ns = 1_000_000_000 + k * 1_000_000_000 // _RATE_HZ
+        for i, (name, placed) in enumerate(sorted(rig.cameras.items())):
+            px = project(apply(placed.T_camera_world, hand), placed.camera.lens)
+            frame = keypoint_frame(
+                name, topology("hand"), time_ns=at_ns, size_px=_SIZE, positions_px=px[None], confidences=0.9, sequence=k
+            )
+            if i == 0 or k < 23:
+                yield Arrival(frame, at_ns)

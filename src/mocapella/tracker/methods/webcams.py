@@ -36,10 +36,10 @@ def _practice() -> tuple[Tracker, Iterable[Arrival]]:
 METHOD: Final = Method(
     interface=1,
     name="webcams",
-    summary="people in 3D without markers, from the keypoints that two or more calibrated cameras see",
+    summary="people and hands in 3D without markers, from the keypoints that two or more calibrated cameras see",
     settings=WebcamsSettings,
     frame_types=(KeypointFrame,),
-    parts=("people",),
+    parts=("people", "hands"),
     make=_make,
     warm_up_run=_practice,
     camera_rig="required",
