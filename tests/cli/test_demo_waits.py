@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.programs import run_here
 from typer.testing import CliRunner
 
 from mocapella.cli import demo, live_session
@@ -32,3 +33,9 @@ def test_a_take_or_a_duration_waits_for_the_kernels(
     result = CliRunner().invoke(app, ["demo", "--no-view", *options])
     assert isinstance(result.exception, StopHereError), result.output
     assert asked == [waits]
+
+
+@pytest.mark.parametrize("what", ["webcam", "hands", "arm", "silhouettes"])
+def test_a_demo_of_one_method_refuses_another(what: str) -> None:
+    result = run_here(Path(), "demo", what, "--no-view", "--method", "stand-still")
+    assert (result.returncode, "--method" in result.stderr) == (1, True), result.stderr

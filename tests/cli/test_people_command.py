@@ -12,6 +12,7 @@ from support.known_people import NAME, RIG, joints_at, known_detector, write_fil
 from support.programs import result_here, run_here
 
 from mocapella.cli.node_keypoints import camera_name, camera_source
+from mocapella.cli.people import _settings_of_method
 from mocapella.cli.recordings import open_take
 from mocapella.errors import SettingsError
 from mocapella.model.camera_rig_file import save_camera_rig
@@ -60,7 +61,25 @@ def test_what_films_need_is_named(films: Path) -> None:
     found = run_here(films, "people", "cam-1", "cam-2", "--detector", "knwn", "--rig", "other.toml", "--fps", "20",
                      "--out", "./walk")  # fmt: skip
     assert (found.returncode, "did you mean known" in found.stderr) == (1, True)
+    found = run_here(films, "people", "cam-1", "typo.mp4", "--rig", "other.toml", "--detector", NAME, "--out", "./walk")
+    assert (found.returncode, "typo.mp4: is not there" in found.stderr) == (1, True)
+    found = run_here(films, "people", "roof", "cam-1", "--rig", "other.toml", "--detector", NAME, "--out", "./walk")
+    assert f"write {next(iter(RIG.cameras))}=roof" in found.stderr
     assert not (films / "walk.mcap").exists()
+
+
+def test_help_lists_the_settings_of_detector_and_method(tmp_path: Path) -> None:
+    found = run_here(tmp_path, "people", "--set", "help")
+    assert found.returncode == 0, found.stderr
+    for name in ("most_people", "unseen_s", "association.", "height_m", "other_size"):
+        assert name in found.stdout
+
+
+def test_films_take_the_settings_of_the_method_and_of_the_detector() -> None:
+    own = {"unseen_s": "1.5", "association": {"least_angle_deg": "5"}, "most_people": "2"}
+    of_method = _settings_of_method("webcams", own)
+    assert of_method == {"unseen_s": "1.5", "association": {"least_angle_deg": "5"}}
+    assert own == {"most_people": "2"}
 
 
 def test_one_film_needs_no_rig_but_a_detector_with_depth(films: Path) -> None:
@@ -71,6 +90,7 @@ def test_one_film_needs_no_rig_but_a_detector_with_depth(films: Path) -> None:
     found = run_here(films, *words, "--set", "height_m=1.8")
     assert (found.returncode, "12 images were not used" in found.stderr) == (1, True), found.stderr
     assert "--detector mediapipe" in found.stderr
+    assert "distances are inferred" in found.stderr
     assert open_take(films / "alone.mcap").info.method_settings["height_m"] == 1.8
 
 

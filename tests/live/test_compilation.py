@@ -234,6 +234,29 @@ def test_progress_counts_the_compiled_kernels_and_never_exceeds_the_expected_num
         assert compilation.progress == (expected if count else "")
 
 
+def test_who_waits_hears_of_each_new_number_of_kernels_once() -> None:
+    texts = iter(["", "1 of about 2 kernels", "1 of about 2 kernels", "2 of about 2 kernels"])
+
+    class Counts(Compilation):
+        now = ""
+
+        @property
+        def done(self) -> bool:
+            self.now = next(texts, "end")
+            return self.now == "end"
+
+        @property
+        def progress(self) -> str:
+            return self.now
+
+        def start(self) -> None:
+            pass
+
+    compilation, told = Counts("stand-still"), list[str]()
+    compilation.wait(lambda: told.append(compilation.progress))
+    assert told == ["1 of about 2 kernels", "2 of about 2 kernels"]
+
+
 @pytest.mark.parametrize(("begins", "then"), [(True, "tracking begins by itself"), (False, "then press Start")])
 def test_the_state_tells_how_many_kernels_are_compiled_whenever_their_number_changes(begins: bool, then: str) -> None:
     told: list[str] = []

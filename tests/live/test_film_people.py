@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.known_people import RIG, KnownPeople, brightness, joints_at, placed
 
+from mocapella.library.keypoint_tracking import rig_with_y_up, wrong_up
 from mocapella.live.film_people import FilmPeople, expected_regions
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Person, Phase, Scene, TrackerState
@@ -44,6 +45,17 @@ def test_a_walking_person_is_tracked_and_expected() -> None:
     for finds in detectors.values():
         assert finds.regions[0] is None
         assert len(finds.regions[-1]) == 1
+
+
+@pytest.mark.parametrize(("up", "problem"), [("y", ""), ("-y", "stand along -y"), ("z", "stand along ")])
+def test_people_who_do_not_stand_along_y_are_noticed(up: str, problem: str) -> None:
+    rig = rig_with_y_up(RIG, up)
+    run = FilmPeople(rig.cameras, {name: KnownPeople() for name in rig.cameras}, WebcamsTracker(rig))
+    assert wrong_up(run.upright) == ""
+    for shown in films(8):
+        run.step(shown)
+    said = wrong_up(run.upright)
+    assert (bool(said), problem in said, "--up" in said) == (bool(problem), True, bool(problem))
 
 
 def test_a_camera_that_sees_nobody_is_counted() -> None:

@@ -390,12 +390,12 @@ def get_ready(method: str, *, status: int = 0) -> None:
     from mocapella.live.compilation import Compilation
     from mocapella.tracker import is_compiled, warm_up
 
-    with working(f"loading the method {method} …", status=status):
+    with working(f"loading the method {method} …", status=status) as shown:
         if is_compiled(method):
             return
         _tell_of_compiling(f"the method {method}")
         with Compilation(method) as compilation:
-            compilation.wait()
+            compilation.wait(lambda: shown.update(f"compiling the method {method}: {compilation.progress}"))
         warm_up(method)
 
 

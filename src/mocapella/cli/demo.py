@@ -123,6 +123,8 @@ def demo(
         raise SettingsError("steadiness, rejection and corrupt are settings of demo silhouettes; leave them out")
     if what is What.ARM and named_method is not None:
         raise SettingsError(not_method(named_method))
+    if what in (What.HANDS, What.WEBCAM) and named_method is not None:
+        raise SettingsError(f"--method {named_method}: demo {what} has one method; leave it out")
     take = None if record is None else record_file(record)
     show_of = _SHOWS[what](Wish(scene, method, named_detector, seed))
     bus_port = choose_port(wanted_port, DEFAULT_PORT)

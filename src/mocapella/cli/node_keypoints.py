@@ -26,6 +26,7 @@ from mocapella.cli.nodes import (
     serve_frames,
 )
 from mocapella.cli.pictures import FOURCC, Fps, Size, tell_state, wishes
+from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ def _serve_simulated(
 ) -> None:
     """Serve the keypoints of a simulated camera; ``given`` has the options of real cameras, which are refused."""
     from mocapella.live.due_frame import DueFrame
+    from mocapella.live.simulated_pictures import SimulatedPictures
     from mocapella.sources.simulate.keypoint_source import repeated, simulated_camera
 
     for option, value in given.items():
@@ -148,17 +150,20 @@ def _serve_simulated(
             raise SettingsError(f"{option} is of cameras and films; a simulated camera detects by itself: leave it out")
     disk = read_keys(NodeKeys, settings_file, settings).disk()
     camera, seconds = simulated_camera(source, seed)
-    first = repeated(camera, seconds)
-    next(first)  # make the motion before the clock matters
+    next(repeated(camera, seconds))  # make the motion before the clock matters
     # All processes that show the same scene begin at the same multiple of its duration.
     own = time.time() // seconds * seconds if epoch is None else epoch
     zero = own if wait else read_epoch()
 
     def frames() -> Iterator[DueFrame]:
-        start_s = time.time() - zero
-        return (DueFrame(due_s, frame) for due_s, frame in repeated(camera, seconds) if due_s >= start_s)
+        for due_s, frame in repeated(camera, seconds, time.time() - zero):
+            pictures.time_ns = frame.time_ns
+            yield DueFrame(due_s, frame)
 
-    serve_frames(frames, name or camera.name, connect, zero, json, wait=wait, disk=disk)
+    with SimulatedPictures(camera, round(seconds * NS_PER_S)) as pictures:
+        serve_frames(
+            frames, name or camera.name, connect, zero, json, wait=wait, disk=disk, on_question=pictures.ask
+        )  # fmt: skip
 
 
 def opened_detector(verb: str, name: str | None, model: Path | None, settings: Mapping[str, Any]) -> PeopleDetector:

@@ -20,6 +20,7 @@ from mocapella.model.names import plural
 if TYPE_CHECKING:
     from mocapella.live.due_frame import DueFrame
     from mocapella.live.node_disk import NodeDisk
+    from mocapella.wire.node import OnQuestion
 
 REPORT: Final = KeySpec("Interval between status lines; 0: problems only.", "s", least=0)
 LOOP: Final = KeySpec("Restart a recording when it ends.")
@@ -104,6 +105,7 @@ def serve_frames(
     linger_s: float = 0.0,
     history_frames: int | None = None,
     disk: NodeDisk | None = None,
+    on_question: OnQuestion | None = None,
 ) -> None:
     """Serve a sensor's frames, each at its due time, until they end or Ctrl-C; report the result at the end.
 
@@ -117,6 +119,7 @@ def serve_frames(
         linger_s: time to keep running after the last frame, so that a take can fetch missed frames [s].
         history_frames: number of frames that are kept in memory for a server that missed them; None for the default.
         disk: files that the node writes to its own disk; None for a spool only.
+        on_question: answers queries to the node, as in `mocapella.wire.node.NodeLink.answer`; None answers none.
 
     Raises:
         NameTakenError: another node serves a sensor of this name.
@@ -131,6 +134,8 @@ def serve_frames(
 
     kept = HISTORY_FRAMES if history_frames is None else history_frames
     with stop_on_signals() as stop, open_link(connect, sensor, disk, history_frames=kept, say=say) as link:
+        if on_question is not None:
+            link.answer(on_question)
         summary = run_node(link, frames, epoch=epoch, stop=stop, wait=wait, say=say, linger_s=linger_s)
         if summary.served:
             say(f"{sensor}: {summary.published} frames published, {summary.late} of them late")

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mocapella.cli import INTERRUPTED
 from mocapella.cli.app import RECORDINGS, app
-from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
+from mocapella.cli.command_settings import KeySpec, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import (
     RIG_HELP,
     UP_HELP,
@@ -32,7 +32,7 @@ from mocapella.cli.pictures import Fps
 from mocapella.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from mocapella.live.film_people import FilmCounts, FilmPeople
     from mocapella.sources.video_set import VideoSet
@@ -50,6 +50,15 @@ class FilmKeys:
     other_size: Annotated[
         str | None, KeySpec("Track films of another size than the calibration's.", choices=("crop", "scale"))
     ] = None
+
+
+def _people_keys(context: typer.Context) -> Iterator[str]:
+    """Yield lines of ``--set help``: settings of the detector, and of the method for several films and for one."""
+    from mocapella.tracker.method import METHODS
+
+    yield from detector_keys(context)
+    for name, what in ((METHOD, "two films or more"), (ALONE, "a single film")):
+        yield from lines_of_dataclass(METHODS.find(name).settings, f"Settings of the method {name}, for {what}:")
 
 
 @app.command(rich_help_panel=RECORDINGS, hidden=True)  # the introduction of `mocapella --help` names it
@@ -71,7 +80,7 @@ def people(
     frames: FrameChoice = None,
     fps: Fps = None,
     settings_file: SettingsFile = None,
-    settings: Annotated[list[str] | None, set_option(FilmKeys, detector_keys)] = None,
+    settings: Annotated[list[str] | None, set_option(FilmKeys, _people_keys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Track people in films of two or more calibrated cameras: detect keypoints, and write a take with people in 3D.
@@ -91,15 +100,16 @@ def people(
     keys, own = read_settings(FilmKeys, settings_file, settings)
     paths = {name: Path(path) for name, path in named_inputs(films).items()}
     method = METHOD if len(paths) > 1 else ALONE
-    names = method_setting_names(method) if method == ALONE else []
-    of_method = {name: own.pop(name) for name in names if name in own}
+    of_method = _settings_of_method(method, own)
     known = _unknown_lens(paths, of_method) if method == ALONE and rig is None else rig_with_y_up(_rig(rig), up)
     shown = VideoSet(paths, known, frames=parse_frames(frames), rate_hz=fps, other_size=keys.other_size)
     for note in shown.notes:
         say(note)
+    if method == ALONE:
+        say(f"one film: distances are inferred from people's height (method {ALONE}); name two films to measure them")
     finds = {name: opened_detector("people", detector, model, own) for name in shown.rig.cameras}
+    path = record_file(out)  # before a compilation of minutes
     get_ready(method, status=INTERRUPTED)
-    path = record_file(out)
     counts, whole = _track(path, shown, finds, method, of_method)
     write_json(json, {"take": str(path), "whole": whole, **msgspec.to_builtins(counts)})
     _tell(counts, path)
@@ -108,6 +118,12 @@ def people(
         raise typer.Exit(INTERRUPTED)
     if not counts.tracked:
         raise typer.Exit(1)
+
+
+def _settings_of_method(method: str, own: dict[str, Any]) -> dict[str, Any]:
+    """Take the settings of a tracking method out of ``own``, which keeps those of the detector."""
+    names = method_setting_names(method)
+    return {name: own.pop(name) for name in list(own) if name.split(".", 1)[0] in names}
 
 
 def _rig(path: Path | None) -> Any:
@@ -145,6 +161,7 @@ def _track(
     path: Path, shown: VideoSet, finds: Mapping[str, Any], method: str, settings: Mapping[str, Any]
 ) -> tuple[FilmCounts, bool]:
     """Track until the end or Ctrl-C; return the counts, and whether it was the end."""
+    from mocapella.library.keypoint_tracking import wrong_up
     from mocapella.live.file_take import FileTake
     from mocapella.live.film_people import FilmPeople
     from mocapella.live.signals import stop_on_signals
@@ -162,6 +179,8 @@ def _track(
         whole = _follow(run, shown, stop)
     for reason, frames in run.rejected.items():
         say(f"{frames} images were not used: {reason}")
+    if method == METHOD and (problem := wrong_up(run.upright)):
+        say(problem)
     return run.counts, whole
 
 

@@ -57,6 +57,19 @@ def rig_with_y_up(rig: CameraRig, up: str) -> CameraRig:
     return rig if up == "y" else CameraRig(placed)
 
 
+def wrong_up(upright: Float64) -> str:
+    """Return a sentence if people do not stand along the world's y axis, with the remedy; empty if they do.
+
+    Args:
+        upright: (3,) mean or sum of the vectors from people's ankles to their necks, world [m]; 0 if nobody was seen.
+    """
+    axis = int(np.abs(upright).argmax())
+    if not upright.any() or (axis == 1 and upright[1] > 0):
+        return ""
+    along = ("-" if upright[axis] < 0 else "") + "xyz"[axis]
+    return f"people stand along {along} of the results' world, which should be y: give the rig's upward axis with --up"
+
+
 def arrivals_of(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig) -> list[Arrival]:
     """Return the frames of several cameras in the order of their capture times on the rig's clock.
 

@@ -13,6 +13,7 @@ from mocapella.errors import SettingsError, one_of
 from mocapella.exports.export import EXPORTS, TRAJECTORIES, Export
 from mocapella.exports.new_file import new_file
 from mocapella.exports.trc_file import T_OPENSIM_WORLD
+from mocapella.library.keypoint_tracking import wrong_up
 from mocapella.model.resampling import resampled
 from mocapella.model.topology import Topology, topology
 from mocapella.model.trajectories import Trajectories
@@ -105,12 +106,7 @@ def up_problem(people: Trajectories) -> str:
     heights = heights[np.isfinite(heights).all(axis=-1)]
     if not len(heights):
         return ""
-    mean = heights.mean(axis=0)
-    axis = int(np.abs(mean).argmax())
-    if axis == 1 and mean[1] > 0:
-        return ""
-    along = ("-" if mean[axis] < 0 else "") + "xyz"[axis]
-    return f"people stand along {along} of the results' world, which should be y: give the rig's upward axis with --up"
+    return wrong_up(heights.mean(axis=0))
 
 
 def _planned(people: Trajectories, path: Path, export: Export) -> Iterator[tuple[Path, Trajectories]]:

@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -72,10 +73,14 @@ class Compilation:
             return ""
         return f"{min(count, most)} of about {most} kernels" if most else plural(count, "kernel", "kernels")
 
-    def wait(self) -> None:
-        """Start the processes, and wait until all have ended."""
+    def wait(self, on_progress: Callable[[], None] = lambda: None) -> None:
+        """Start the processes, and wait until all have ended; ``on_progress`` is called when `progress` changes."""
         self.start()
+        before = ""
         while not self.done:
+            if self.progress != before:
+                before = self.progress
+                on_progress()
             time.sleep(_POLL_S)
 
     def close(self) -> None:

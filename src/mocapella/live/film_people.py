@@ -17,11 +17,16 @@ from mocapella.model.camera import PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Scene
+from mocapella.model.topology import topology
 from mocapella.sources.frame_set import FrameSet
 from mocapella.tracker.protocol import Tracker
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 
+_HALPE: Final = topology("halpe_26")
+_NECK: Final = _HALPE.index("Neck")
+_ANKLES: Final = _HALPE.index("LAnkle"), _HALPE.index("RAnkle")
 FILM_NODE: Final = 1
 """Id of the node of a film's frames."""
 FEWEST: Final = 6
@@ -62,6 +67,9 @@ class FilmPeople:
         detectors: a detector for each camera, by name.
         tracker: a tracker of keypoints that has seen no frame yet.
         record: receives each frame with its arrival and scene.
+
+    Attributes:
+        upright: (3,) sum of the vectors from the ankles to the neck of all people so far, world [m].
     """
 
     def __init__(
@@ -77,6 +85,7 @@ class FilmPeople:
         self._ids: set[int] = set()
         self._images: dict[str, int] = dict.fromkeys(detectors, 0)
         self._seen: dict[str, int] = dict.fromkeys(detectors, 0)
+        self.upright: Float64 = np.zeros(3)
 
     def steps(self, films: Iterable[FrameSet]) -> Iterator[Scene]:
         """Yield the scene after each instant of the films; an instant is tracked when the iterator is advanced."""
@@ -112,6 +121,9 @@ class FilmPeople:
         self._tracked += bool(scene.people)
         self._most = max(self._most, len(scene.people))
         self._ids |= {person.id for person in scene.people}
+        for person in scene.people:
+            height = person.positions[_NECK] - person.positions[list(_ANKLES)].mean(axis=0)
+            self.upright += np.nan_to_num(height)
         return scene
 
     @property

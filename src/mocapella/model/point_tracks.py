@@ -59,7 +59,9 @@ class SpaceTracks(msgspec.Struct, frozen=True, eq=False):
     states: NDArray[np.uint8]
 
 
-def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = None) -> list[str]:
+def match_cameras(
+    seen: Sequence[str], rig: Iterable[str], *, file: object = None, remedy: str = "name the cameras like them"
+) -> list[str]:
     """Match a file's camera names with a rig's: equal names, or else names with equal short forms.
 
     A short form drops case, punctuation, an ending ``_json``, then ``camera``, ``cam`` or ``port``, and leading zeros.
@@ -68,6 +70,7 @@ def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = Non
         seen: the file's names.
         rig: the rig's names.
         file: named in errors; None leaves it out.
+        remedy: how to name a camera like the rig's, in errors.
 
     Returns:
         The rig's name for each of ``seen``.
@@ -88,7 +91,7 @@ def match_cameras(seen: Sequence[str], rig: Iterable[str], *, file: object = Non
                 file=file,
                 field="camera",
                 value=name,
-                fix=f"the rig's are {', '.join(names)}; name the cameras like them",
+                fix=f"the rig's are {', '.join(names)}; {remedy}",
             )
         found += candidates
     for name in found:

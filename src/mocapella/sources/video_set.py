@@ -110,7 +110,10 @@ class VideoSet:
             raise InputError("no videos are named", field="VIDEO…", fix="name a video for each camera of the rig")
         check_other_size(other_size)
         for name, path in paths.items():
-            match_cameras([name], rig.cameras, file=path)  # an error names the file
+            if not path.exists():  # also a misspelt name may be no camera's
+                raise InputError("is not there", file=path, fix="name a film, or a folder of images")
+            remedy = f"write {next(iter(rig.cameras), 'CAMERA')}={path} if it is of that camera"
+            match_cameras([name], rig.cameras, file=path, remedy=remedy)
         names = match_cameras(list(paths), rig.cameras)
         self.videos = {name: probe(path) for name, path in zip(names, paths.values(), strict=True)}
         self._frames, self.notes = frames or Frames(), []

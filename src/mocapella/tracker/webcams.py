@@ -215,7 +215,8 @@ class WebcamsTracker:
             return problem
         newest = self._instants.newest_ns
         if newest is not None and newest - at_ns > self.settings.late_s * NS_PER_S:
-            return f"it is more than {self.settings.late_s:g} s older than other cameras' frames: check its clock"
+            old = f"it is more than {self.settings.late_s:g} s older than other cameras' frames"
+            return f"{old}: check its clock, and whether its machine is too busy"
         return ""
 
     def _foreign(self, frame: KeypointFrame) -> str:

@@ -207,13 +207,28 @@ class SimulatedKeypointCamera:
         """The camera's sensor name."""
         return self.placed.camera.name
 
-    def frames(self) -> Iterator[SimulatedKeypoints]:
-        """Yield all frames that are not lost, in the order of their capture."""
-        sequence = 0
-        for k, lost in enumerate(self._lost):
-            if not lost:
-                yield self._frame(k, sequence)
-                sequence += 1
+    @property
+    def kept(self) -> int:
+        """Number of frames that are not lost."""
+        return int((~self._lost).sum())
+
+    def frames(self, since_ns: int = 0) -> Iterator[SimulatedKeypoints]:
+        """Yield the frames that are not lost and arrive at ``since_ns``, room time, or later, in order of capture."""
+        due_ns = self._room_ns + round(self.settings.latency_s * NS_PER_S)
+        for sequence, k in enumerate(np.flatnonzero(~self._lost)):
+            if due_ns[k] >= since_ns:
+                yield self._frame(int(k), sequence)
+
+    def bodies_at(self, time_ns: int) -> Float64:
+        """Return the keypoints (bodies, 26, 3) of all bodies that it looks at, without mirror images, world [m].
+
+        Args:
+            time_ns: time on the camera's clock, as of a frame [ns].
+        """
+        settings = self.settings
+        rate = 1 + 1e-6 * settings.clock_drift_ppm
+        room_ns = round((time_ns - settings.clock_offset_s * NS_PER_S) / rate)
+        return halpe_positions(self.room.motion.positions_at(room_ns))[self._looks_at()]
 
     @cached_property
     def _draws(self) -> _Draws:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from itertools import count
 from typing import Final
 
 import msgspec
@@ -57,19 +58,28 @@ def simulated_camera(text: str, seed: int = 0) -> tuple[SimulatedKeypointCamera,
     return found[camera], scene.settings.seconds
 
 
-def repeated(camera: SimulatedKeypointCamera, seconds: float) -> Iterator[tuple[float, KeypointFrame]]:
+def repeated(
+    camera: SimulatedKeypointCamera, seconds: float, since_s: float = 0.0
+) -> Iterator[tuple[float, KeypointFrame]]:
     """Yield a camera's frames, and after the scene's end those of the next round; it does not end.
+
+    Args:
+        camera: the camera.
+        seconds: duration of a round [s].
+        since_s: frames that are due earlier are left out, and take no time to make [s].
 
     Yields:
         Time at which the frame is due, since the source's time 0 [s], and the frame, with rising times.
     """
-    later, sequence = 0, 0
-    while True:
-        for item in camera.frames():
+    round_ns, since_ns = round(seconds * NS_PER_S), round(since_s * NS_PER_S)
+    # The last frames of a round can be due in the next one.
+    first = max(0, int((since_ns - round(camera.settings.latency_s * NS_PER_S)) // round_ns))
+    for k in count(first):
+        later = k * round_ns
+        for item in camera.frames(since_ns - later):
+            sequence = k * camera.kept + item.frame.sequence
             frame = msgspec.structs.replace(item.frame, time_ns=item.frame.time_ns + later, sequence=sequence)
-            sequence += 1
             yield (item.due_ns + later) / NS_PER_S, frame
-        later += round(seconds * NS_PER_S)
 
 
 def rig_of(scene: CrowdScene) -> CameraRig:

@@ -48,6 +48,7 @@ METHOD: Final = Method(
     parts=("people",),
     make=_make,
     warm_up_run=_practice,
+    kernels=4,
     camera_rig="optional",
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
 )

@@ -42,6 +42,7 @@ METHOD: Final = Method(
     parts=("people", "hands"),
     make=_make,
     warm_up_run=_practice,
+    kernels=118,
     camera_rig="required",
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
 )
