@@ -70,7 +70,7 @@ START_SD = 0.15
 """Largest standard deviation of a coordinate of a triangulated joint that initialises a body [m]."""
 ONE_RESTLESS = 0.5
 """Factor of the surprise that sets the densities of acceleration while one camera alone sees the body [ratio]."""
-ONE_DIFFUSION = 0.2
+ONE_DIFFUSION = 0.02
 """Growth of the variance of the root's position in that time [m²/s]."""
 REWEIGHED = (5, 10)
 """Steps of a body's first frame before which its rays are weighted anew, by their misfits to the pose so far."""

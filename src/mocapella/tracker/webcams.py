@@ -82,7 +82,7 @@ class WebcamsTracker:
         self._gates = s.association.gates
         self._limits = self._kernels.PeopleLimits(
             float(s.one_camera_s), float(s.unseen_s), int(s.doubtful_instants), float(s.same_within_m),
-            float(s.measured_sd_m), float(s.measured_s),
+            float(s.measured_sd_m), float(s.measured_s), float(s.slow_error_s),
         )  # fmt: skip
         self._instants = Instants(s.silent_after_s, len(rig.cameras))
         self._identities = Identities(s)
@@ -133,7 +133,7 @@ class WebcamsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def _forget_people(self) -> None:
-        self._people = no_people(self._row)
+        self._people = no_people(self._row, len(self._names))
         self._counts = no_counts(len(self._names))
         self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
         self._partial = False
@@ -167,7 +167,7 @@ class WebcamsTracker:
         """
         own, people, counts, instants, identities, hands = unpack(data, _REMEMBERED)
         self._scene_of = None
-        self._people = _arrays_like(no_people(self._row), people)
+        self._people = _arrays_like(no_people(self._row, len(self._names)), people)
         self._counts = _arrays_like(no_counts(len(self._names)), counts)
         set_memory(self, own, _OWN_MEMORY)
         set_memory(self._instants, instants, INSTANTS_MEMORY)

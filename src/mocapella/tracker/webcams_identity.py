@@ -173,7 +173,7 @@ def ready(people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origin
         views, hits = int(agreed[row].sum()), int(people.hits[row])
         sure, third = (int((people.support[row] >= count).sum()) for count in (settings.sure_cameras, 3))
         narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]])
-        doubtful = float(people.refuted[row]) >= MOST_REFUTED * views
+        doubtful = float(np.nansum(people.refuted[row])) >= MOST_REFUTED * views
         if doubtful or (narrow and third < LEAST_JOINTS):
             continue
         if hits >= settings.confirm_instants or (sure >= LEAST_JOINTS and hits >= 1):

@@ -39,6 +39,7 @@ from mocapella.association.keypoint_rays import (
 from mocapella.association.new_people_kernels import group, plausible
 from mocapella.compiled import njit
 from mocapella.kinematics.ray_body_kernels import correct_by_rays, predict_body
+from mocapella.tracker.webcams_errors_kernels import follow_unpredicted, variance_ahead, widen
 from mocapella.tracker.webcams_memory import CANDIDATE, NO_PERSON, CameraCounts, PeopleArrays
 
 Float64 = NDArray[np.float64]
@@ -64,7 +65,13 @@ RUNNING_M_S = 3.0
 REFUTED_S = 1.0
 """A person whom at most one camera sees, where two others see nobody, is lost after this time [s]."""
 REFUTED_WEIGHT = 0.2
-"""Weight of an instant in the running mean of the cameras that see nobody."""
+"""Weight of an instant in the running means of whether a camera sees nobody."""
+MOST_REFUTING = 1.5
+"""Number of cameras that see nobody at a place from which one or two others do not suffice."""
+SURE_CAMERAS = 3
+"""Number of cameras that together hardly ever see strangers on one line."""
+LEAST_SURE = 3
+"""Number of instants in which three cameras agree about a person, from which two suffice later on."""
 HIDDEN_SHARE = 0.3
 """Share of a person's joints within another detection from which a camera may not see the person."""
 LEAST_SEEN_PX = 24.0
@@ -82,6 +89,7 @@ class PeopleLimits(NamedTuple):
     same_within_m: float
     measured_sd_m: float
     measured_s: float
+    slow_error_s: float
 
 
 @njit(cache=True, error_model="numpy")
@@ -156,7 +164,9 @@ def forget(people: PeopleArrays, p: int) -> None:
     """
     people.ids[p] = NO_PERSON
     people.hits[p] = people.doubts[p] = people.cameras[p] = 0
-    people.turned[p], people.refuted[p] = 0.0, math.nan
+    people.turned[p], people.sure[p] = 0.0, 0
+    for c in range(people.refuted.shape[1]):
+        people.refuted[p, c] = math.nan
     people.at_s[p] = people.born_s[p] = people.seen_s[p] = people.agreed_s[p] = math.nan
     for k in range(3):
         people.agreed_place[p, k] = math.nan
@@ -164,7 +174,7 @@ def forget(people: PeopleArrays, p: int) -> None:
         people.rows[p, i] = math.nan
     for j in range(JOINTS):
         people.support[p, j] = 0
-        people.measured_s[p, j] = math.nan
+        people.measured_s[p, j] = people.unpredicted[p, j] = math.nan
         for k in range(3):
             people.positions[p, j, k], people.velocities[p, j, k] = math.nan, 0.0
             for m in range(3):
@@ -219,11 +229,12 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
         views: number of cameras that saw the person.
         gates: thresholds.
     """
-    agreeing = 0
+    agreeing, sure = 0, 0
     measured, sds = np.full((JOINTS, 3), math.nan), np.full(JOINTS, math.nan)
     for j in range(JOINTS):
         if people.support[p, j] >= 2:
             agreeing += 1
+            sure += people.support[p, j] >= SURE_CAMERAS
             people.measured_s[p, j] = at_s
             C = people.covariances[p, j]
             sds[j] = math.sqrt(max(C[0, 0] + C[1, 1] + C[2, 2], 0.0) / 3.0)
@@ -240,6 +251,7 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
     people.doubts[p] = 0
     people.hits[p] += 1
     people.agreed_s[p] = at_s
+    people.sure[p] += sure >= gates.least_joints
     middle(people.positions[p], people.agreed_place[p])
     for b in range(len(BONES)):
         i, j = BONES[b, 0], BONES[b, 1]
@@ -275,6 +287,21 @@ def follow(people: PeopleArrays, p: int, at_s: float, before: Float64) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def refuting(people: PeopleArrays, p: int) -> float:
+    """Return the number of cameras that look at a person, unhidden, and see nobody: a sum of running means.
+
+    Args:
+        people: see the module.
+        p: row of the person.
+    """
+    total = 0.0
+    for c in range(people.refuted.shape[1]):
+        if people.refuted[p, c] > 0.0:
+            total += people.refuted[p, c]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, gone: Bools) -> None:
     """Mark people who have left, candidates that were not confirmed, phantoms, and second tracks of one person.
 
@@ -294,7 +321,9 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, gone: Bools) -
             gone[p] = unseen or at_s - people.agreed_s[p] > limits.one_camera_s
             gone[p] |= people.doubts[p] > limits.doubtful_instants or ran_away(people, p, at_s)
             alone_s = at_s - people.agreed_s[p]
-            gone[p] |= people.cameras[p] < 2 and people.refuted[p] >= 1.5 and alone_s > REFUTED_S
+            refuted = refuting(people, p) >= MOST_REFUTING
+            gone[p] |= refuted and people.cameras[p] < 2 and alone_s > REFUTED_S
+            gone[p] |= refuted and people.cameras[p] <= 2 and people.sure[p] < LEAST_SURE
     for p in range(len(people.ids)):
         for q in range(len(people.ids)):
             if p == q or gone[p] or gone[q] or people.ids[p] == NO_PERSON or people.ids[q] == NO_PERSON:
@@ -443,12 +472,12 @@ def turn(people: PeopleArrays, p: int, matches: Matches) -> bool:
 @njit(cache=True, error_model="numpy")
 def correct(
     model: Any, people: PeopleArrays, at_s: float, rays: Rays, cameras: CameraArrays, gates: KeypointGates,
-    matches: Matches, counts: CameraCounts, agreed: Bools,
+    limits: PeopleLimits, matches: Matches, counts: CameraCounts, agreed: Bools,
 ) -> None:  # fmt: skip
     """Correct all people by their rays, and compare the cameras.
 
     Args:
-        model, people, rays, cameras, matches: see the module.
+        model, people, rays, cameras, limits, matches: see the module.
         at_s: time of the instant [s].
         gates: thresholds.
         counts: updated.
@@ -485,6 +514,12 @@ def correct(
                 for i in range(people.rows.shape[1]):
                     people.rows[p, i] = kept[i]
                 predict_body(model, people.rows[p], at_s, people.positions[p], people.covariances[p])
+            if known and not around:
+                correlation = math.exp((people.at_s[p] - at_s) / limits.slow_error_s)
+                widen(
+                    joints[:n], origins[:n], directions[:n], sds[:n], weights[:n], correlation, people.positions[p],
+                    people.support[p], people.covariances[p],
+                )  # fmt: skip
         mark_agreed(camera, weights, n, gates.least_joints, agreed[p])
         judge(people, p, at_s, views, gates)
         if views >= 3 and people.doubts[p] == 0:
@@ -550,7 +585,7 @@ def count_refuting(
     people: PeopleArrays, p: int, pixels: Float64, rays: Rays, cameras: CameraArrays, matches: Matches,
     delivered: Bools,
 ) -> None:  # fmt: skip
-    """Count the cameras that look at a person and see nobody there, although no other detection hides the person.
+    """Follow which cameras look at a person and see nobody there, although no other detection hides the person.
 
     Args:
         people, rays, cameras, matches: see the module.
@@ -558,23 +593,25 @@ def count_refuting(
         pixels: (detections, 26, 2) keypoints [px].
         delivered: (cameras,) whether the camera has an image in this instant.
     """
-    refuting = 0.0
     image = np.empty((JOINTS, 2))
     for c in range(len(delivered)):
-        if not delivered[c] or not inside(people.positions[p], cameras, c, image):
+        if not delivered[c]:
             continue
+        looks, mine, hidden = inside(people.positions[p], cameras, c, image), False, False
         top, bottom = math.inf, -math.inf
         for j in range(JOINTS):
             if image[j, 1] == image[j, 1]:
                 top, bottom = min(top, image[j, 1]), max(bottom, image[j, 1])
-        seen = not bottom - top >= LEAST_SEEN_PX
+        looks &= bottom - top >= LEAST_SEEN_PX
         for d in range(len(rays.camera)):
             if rays.camera[d] == c:
-                mine = matches.person[d] == p or matches.explained[d] == p
-                seen |= mine or covered(image, pixels[d], rays.confidences[d]) >= HIDDEN_SHARE
-        refuting += not seen
-    before = people.refuted[p] if people.refuted[p] >= 0.0 else refuting
-    people.refuted[p] = before + REFUTED_WEIGHT * (refuting - before)
+                own = matches.person[d] == p or matches.explained[d] == p
+                mine |= own
+                hidden |= not own and covered(image, pixels[d], rays.confidences[d]) >= HIDDEN_SHARE
+        if mine or not looks or not hidden:  # a camera before which the person is hidden tells nothing
+            refuted = 1.0 if looks and not mine else 0.0
+            before = people.refuted[p, c] if people.refuted[p, c] >= 0.0 else refuted
+            people.refuted[p, c] = before + REFUTED_WEIGHT * (refuted - before)
 
 
 @njit(cache=True, error_model="numpy")
@@ -654,11 +691,13 @@ def track_instant(
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
             known[p] = predict_body(model, people.rows[p], at_s, people.positions[p], people.covariances[p])
+    predicted = people.positions.copy()
     expected = PredictedPeople(known, people.positions, people.covariances, people.velocities)
     assign_all(rays, expected, cameras.origins, gates, matches)
-    correct(model, people, at_s, rays, cameras, gates, matches, counts, agreed)
+    correct(model, people, at_s, rays, cameras, gates, limits, matches, counts, agreed)
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
+            follow_unpredicted(people, p, at_s - people.at_s[p], predicted[p])
             follow(people, p, at_s, before[p])
     begin(model, people, at_s, rays, cameras, gates, matches, agreed)
     count_unmatched(people, rays, cameras, gates, matches, counts)
@@ -705,8 +744,11 @@ def show(
         p = rows[i]
         ahead = ahead_s > 0.0 and predict_body(model, people.rows[p], at_s + ahead_s, positions[i], covariances)
         for j in range(JOINTS):
-            C = covariances[j] if ahead else people.covariances[p, j]
-            variance = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
+            if ahead:
+                variance = variance_ahead(people, p, j, ahead_s, covariances[j])
+            else:
+                C = people.covariances[p, j]
+                variance = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
             known = variance >= 0.0
             for k in range(3):
                 if not ahead:

@@ -37,13 +37,17 @@ class PeopleArrays(NamedTuple):
         doubts: (people,) number of instants in succession in which two cameras saw the person and did not agree.
         turned: (people,) running mean of the share of the person's detections that are used with left and right
             swapped.
-        refuted: (people,) running mean of the number of cameras that look at the person, unhidden, and see nobody.
+        sure: (people,) number of instants in which three cameras agreed.
+        refuted: (people, cameras) running mean of whether the camera looks at the person, unhidden, and sees
+            nobody; NaN before the first image that tells.
         cameras: (people,) number of cameras that saw the person in the last instant.
         positions: (people, 26, 3) world [m]; NaN where not known.
         covariances: (people, 26, 3, 3) [m²].
         velocities: (people, 26, 3) [m/s].
         support: (people, 26) number of cameras that agree about the joint.
         measured_s: (people, 26) last time that two cameras agreed about the joint [s].
+        unpredicted: (people, 26) running mean of the squared speed by which predictions of the joint are wrong, of one
+            coordinate [m²/s²]; NaN before the first.
         lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
         lengths_seen: (people, bones) number of their measurements.
     """
@@ -58,6 +62,7 @@ class PeopleArrays(NamedTuple):
     hits: Int64
     doubts: Int64
     turned: Float64
+    sure: Int64
     refuted: Float64
     cameras: Int64
     positions: Float64
@@ -65,6 +70,7 @@ class PeopleArrays(NamedTuple):
     velocities: Float64
     support: UInt8
     measured_s: Float64
+    unpredicted: Float64
     lengths: Float64
     lengths_seen: Float64
 
@@ -85,8 +91,13 @@ class CameraCounts(NamedTuple):
     judged: Float64
 
 
-def no_people(row: int) -> PeopleArrays:
-    """Return the memory without people; ``row`` is the number of values of a body's memory."""
+def no_people(row: int, cameras: int) -> PeopleArrays:
+    """Return the memory without people.
+
+    Args:
+        row: number of values of a body's memory.
+        cameras: number of cameras.
+    """
     n, bones = MOST_PEOPLE, len(BONES)
 
     def unknown(*shape: int) -> Float64:
@@ -103,13 +114,15 @@ def no_people(row: int) -> PeopleArrays:
         hits=np.zeros(n, dtype=np.int64),
         doubts=np.zeros(n, dtype=np.int64),
         turned=np.zeros(n),
-        refuted=unknown(),
+        sure=np.zeros(n, dtype=np.int64),
+        refuted=unknown(cameras),
         cameras=np.zeros(n, dtype=np.int64),
         positions=unknown(JOINTS, 3),
         covariances=unknown(JOINTS, 3, 3),
         velocities=np.zeros((n, JOINTS, 3)),
         support=np.zeros((n, JOINTS), dtype=np.uint8),
         measured_s=unknown(JOINTS),
+        unpredicted=unknown(JOINTS),
         lengths=unknown(bones),
         lengths_seen=np.zeros((n, bones)),
     )

@@ -35,6 +35,8 @@ class WebcamsSettings:
             are shown as measured [m].
         measured_s: a joint that two cameras saw within this time, and one sees now, is measured; larger: cameras of
             low or different rates measure more joints [s].
+        slow_error_s: time in which the error of a keypoint changes; larger: larger standard deviations are stated, and
+            fewer joints are measured [s].
         late_s: a frame that is older than the newest by more than this is not used; larger: slower cameras are used,
             with larger errors of moving people [s].
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
@@ -56,6 +58,7 @@ class WebcamsSettings:
     same_within_m: float = 0.12
     measured_sd_m: float = 0.04
     measured_s: float = 0.1
+    slow_error_s: float = 0.08
     late_s: float = 0.2
     silent_after_s: float = 0.3
 
@@ -70,5 +73,6 @@ class WebcamsSettings:
         check(0 <= self.same_within_m <= 1, "same_within_m", self.same_within_m, "from 0 to 1 m")
         check(0 < self.measured_sd_m <= 1, "measured_sd_m", self.measured_sd_m, "above 0 and at most 1 m")
         check(0 <= self.measured_s <= 10, "measured_s", self.measured_s, "from 0 to 10 s")
+        check(0 < self.slow_error_s <= 10, "slow_error_s", self.slow_error_s, "above 0 and at most 10 s")
         check(0 < self.late_s <= 10, "late_s", self.late_s, "above 0 and at most 10 s")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")

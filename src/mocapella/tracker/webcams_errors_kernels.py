@@ -1,0 +1,111 @@
+"""Kernels of the uncertainty that the method ``webcams`` states; importing this module imports numba.
+
+Errors of keypoint detectors change slowly: the same image of an elbow is wrong in the same way in the next frame. The
+body's filter takes them for white noise, so its covariances are too small. A filter of gain K whose measurements have
+errors of variance R and correlation ρ between updates has, in the steady state of x ← (1 − K) x + K e, the part
+
+    N = K R / (2 − K) · (1 + r) / (1 − r),    r = ρ (1 − K)
+
+of its variance from them, and white noise would give N with r = 0 (A. Gelb, Applied Optimal Estimation, 1974, section
+4.5, *correlated measurement errors*). With P = K R for the filter's own variance P, the difference is added to it.
+"""
+
+# ruff: noqa: PLR0917 - compiled: arrays come by position
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.association.keypoint_rays import JOINTS
+from mocapella.compiled import njit
+from mocapella.tracker.webcams_memory import PeopleArrays
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+
+LEAST_GAIN = 0.2
+"""Least gain of a joint; the covariance of a joint with a smaller one is not of its rays alone."""
+UNSURE_WEIGHT = 0.1
+"""Weight of an instant in the running mean of a joint's unpredicted speed."""
+
+
+@njit(cache=True, error_model="numpy")
+def widen(
+    joints: Int64, origins: Float64, directions: Float64, sds_rad: Float64, weights: Float64, correlation: float,
+    positions: Float64, support: UInt8, covariances: Float64,
+) -> None:  # fmt: skip
+    """Add the effect of slow detector errors to the covariances of the joints that two cameras agree about.
+
+    Args:
+        joints, origins, directions, sds_rad, weights: rays, as in `correct_by_rays`.
+        correlation: of a keypoint's errors between the last update and this one, from 0 to 1.
+        positions: (26, 3) the joints, world [m].
+        support: (26,) number of cameras that agree about a joint.
+        covariances: (26, 3, 3) changed [m²].
+    """
+    gains = np.zeros(JOINTS)
+    for i in range(len(joints)):
+        j, along, across = joints[i], 0.0, 0.0
+        if not weights[i] > 0.0:
+            continue
+        C = covariances[j]
+        for k in range(3):
+            along += directions[i, k] * (positions[j, k] - origins[i, k])
+            across += C[k, k]
+            for m in range(3):
+                across -= directions[i, k] * C[k, m] * directions[i, m]
+        gains[j] += weights[i] * across / (3.0 * (sds_rad[i] * along) ** 2)
+    for j in range(JOINTS):
+        if support[j] < 2:
+            continue
+        gain = min(max(gains[j], LEAST_GAIN), 1.0)
+        r = correlation * (1.0 - gain)
+        factor = 1.0 + 2.0 * r / ((1.0 - r) * (2.0 - gain))
+        for k in range(3):
+            for m in range(3):
+                covariances[j, k, m] *= factor
+
+
+@njit(cache=True, error_model="numpy")
+def follow_unpredicted(people: PeopleArrays, p: int, dt: float, predicted: Float64) -> None:
+    """Update by how much the predictions of a person's joints are wrong, where two cameras agree about them.
+
+    Args:
+        people: changed.
+        p: row of the person.
+        dt: time over which was predicted [s].
+        predicted: (26, 3) the predicted joints, world [m]; NaN where not known.
+    """
+    if not dt > 0.0:
+        return
+    for j in range(JOINTS):
+        square = 0.0
+        for k in range(3):
+            square += (people.positions[p, j, k] - predicted[j, k]) ** 2
+        square /= 3.0 * dt * dt
+        if people.support[p, j] >= 2 and square < math.inf:
+            before = people.unpredicted[p, j]
+            people.unpredicted[p, j] = before + UNSURE_WEIGHT * (square - before) if before >= 0.0 else square
+
+
+@njit(cache=True, error_model="numpy")
+def variance_ahead(people: PeopleArrays, p: int, j: int, ahead_s: float, covariance: Float64) -> float:
+    """Return the variance of a coordinate of a joint that is predicted beyond the last instant [m²].
+
+    The filter predicts without correlations between the degrees of freedom, hence more than its errors. The variance at
+    the instant, and by how much earlier predictions were wrong, give another value; the smaller one counts.
+
+    Args:
+        people: the people.
+        p: row of the person.
+        j: the joint.
+        ahead_s: time since the last instant [s].
+        covariance: (3, 3) the filter's prediction [m²].
+    """
+    own = (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.0
+    C = people.covariances[p, j]
+    other = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0 + people.unpredicted[p, j] * ahead_s * ahead_s
+    return float(other if people.support[p, j] >= 2 and other < own else own)
