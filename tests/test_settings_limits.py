@@ -19,7 +19,7 @@ from mocapella.errors import SettingsError
 
 ROOT = Path(mocapella.__file__).parent
 FAR = 1e12
-NUMBER = r"(-?\d+(?:\.\d+)?(?:e\d+)?)"
+NUMBER = r"(-?\d{1,3}(?:,\d{3})+|-?\d+(?:\.\d+)?(?:e\d+)?)"
 RELATIVE = re.compile(r"\w_\w|times|samples|keep|either")
 """In words of a limit that depends on another setting."""
 ROUNDED = 1e-5
@@ -47,7 +47,7 @@ def limits_of(wanted: str) -> Iterator[Limit]:
     """The limits that words such as ``from 0 to below 1 s`` name; none of words that name another setting."""
     for pattern, lower, valid in WORDS:
         for found in re.finditer(pattern, "" if RELATIVE.search(wanted) else wanted):
-            yield Limit(float(found[1]), lower, valid)
+            yield Limit(float(found[1].replace(",", "")), lower, valid)
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,7 @@ def limits_of(wanted: str) -> Iterator[Limit]:
         ("from 0.5 to below 1", [Limit(0.5, True, True), Limit(1, False, False)]),
         ("1 to 1000", [Limit(1, True, True), Limit(1000, False, True)]),
         ("above 0, at most 1 m", [Limit(0, True, False), Limit(1, False, True)]),
+        ("from 10 to 100,000 px", [Limit(10, True, True), Limit(100000, False, True)]),
         ("from 0 to 1e9 Hz", [Limit(0, True, True), Limit(1e9, False, True)]),
         ("one of ray and sum", []),
         ("from 2 to 200 times mesh_m", []),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocapella.evaluation.people_scores import AFTER_NS, PeopleScore
+from mocapella.evaluation.people_scores import AFTER_NS, SAME_M, PeopleScore, match_people
 from mocapella.model.observations import JointState
 from mocapella.model.scene import Person
 
@@ -88,3 +88,14 @@ def test_nobody_at_all_is_no_error() -> None:
     score.update(AFTER_NS, np.zeros(0, int), nobody, np.zeros((2, 0, 26), int), [])
     assert score.figures().hota == 1.0
     assert np.isnan(score.figures().visible_mm)
+
+
+def test_matches_are_one_to_one_and_as_many_as_possible() -> None:
+    apart = np.array([[[0.1], [0.2]], [[0.1], [0.9]], [[np.nan], [0.6]]])
+    mean, pairs = match_people(apart)
+    assert mean.shape == (3, 2)
+    assert pairs == {0: 1, 1: 0}  # the nearest pair alone, 0 and 0, would leave 1 without a match
+    assert match_people(np.full((2, 2, 3), np.nan))[1] == {}
+    assert match_people(np.zeros((2, 0, 26)))[1] == {}
+    assert match_people(np.full((1, 1, 1), SAME_M))[1] == {0: 0}
+    assert match_people(np.full((1, 1, 1), SAME_M + 1e-9))[1] == {}

@@ -87,6 +87,14 @@ def test_a_clip_counts_who_is_there_and_who_should_not_be() -> None:
     assert found.others_percent == 100.0
 
 
+def test_a_clip_without_tracked_people_is_scored() -> None:
+    clip = clip_of(short(seconds=0.2))
+    nothing = Known({row[0].time_ns: clip.reference[:0, 0] for row in clip.frames})
+    found = score_clip(clip, tracker=nothing)
+    assert [person.present_percent for person in found.people] == [0.0, 0.0]
+    assert found.others_percent == found.measured_percent == 0.0
+
+
 def test_targets_are_judged() -> None:
     def verdicts(**changed: Any) -> Iterator[bool]:
         mean = {"hota": 0.96, "switches": 0.0, "visible_mm": 30.0} | changed

@@ -244,3 +244,15 @@ def test_a_mapping_that_cannot_be_used_is_refused(old: str, new: str, message: s
     assert MAPPED.count(old) == 1
     with pytest.raises(SettingsError, match=message):
         topology_from_toml(MAPPED.replace(old, new), "arm")
+
+
+def test_single_joints_of_a_mapping_leave_out_means_of_several_joints() -> None:
+    kinect, coco = topology("kinect_v2"), topology("coco_17")
+    assert coco.single_joints("halpe_26") == {k: k for k in range(17)}
+    mapping = coco.mappings["kinect_v2"]
+    single = coco.single_joints("kinect_v2")
+    assert set(single) == {joint for joint, weights in mapping.items() if list(weights.values()) == [1.0]}
+    assert 0 < len(single) < len(mapping)
+    assert all(mapping[joint] == {source: 1.0} for joint, source in single.items())
+    assert kinect.single_joints("kinect_v2") == {joint: joint for joint in range(25)}
+    assert kinect.single_joints("halpe_26") == {}

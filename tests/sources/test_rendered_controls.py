@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -136,24 +136,69 @@ def test_colours_are_pointed_at_as_the_camera_is_set_and_the_profile_says_how() 
     assert profile.names == SCENE.names
 
 
-def test_controls_may_be_set_while_pictures_are_taken() -> None:
-    made, stop = RenderedControls(SCENE.cameras["left"]), threading.Event()
+class Halfway(dict[str, float]):
+    """Values whose update stops after the first one until ``go`` is set."""
 
-    def move() -> None:
-        while not stop.is_set():
-            made.set_controls({"exposure": 30, "gain": 6.0}, {})
-            made.set_controls({"exposure": 60, "gain": 0.0}, {})
+    def __init__(self, values: dict[str, float]) -> None:
+        super().__init__(values)
+        self.reached, self.go = threading.Event(), threading.Event()
 
-    mover, before = threading.Thread(target=move), sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)  # the threads take turns within a request, not after hundreds of them
-    mover.start()
-    try:
-        seen = {(taken.exposure_s, taken.image.gain) for taken in (made.camera for _ in range(300))}
-    finally:
-        stop.set()
-        mover.join()
-        sys.setswitchinterval(before)
-    assert len(seen) <= 2  # never the exposure of one request and the gain of another
+    def update(self, wanted: dict[str, float]) -> None:  # type: ignore[override]
+        for count, (name, value) in enumerate(wanted.items()):
+            self[name] = value
+            if count == 0:
+                self.reached.set()
+                assert self.go.wait(60)
+
+
+class ToldLock:
+    """A lock that calls ``held_up`` before a thread waits for it."""
+
+    def __init__(self, held_up: Callable[[], None]) -> None:
+        self._lock, self._held_up = threading.Lock(), held_up
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            self._held_up()
+            assert self._lock.acquire(timeout=60)
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda made: (made.camera.exposure_s, made.camera.image.gain),
+        lambda made: tuple(control.value for control in made.controls()),
+    ],
+    ids=["camera", "controls"],
+)
+def test_a_request_that_is_being_set_is_never_read_in_part(
+    read: Callable[[RenderedControls], tuple[float, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request = {"exposure": 30.0, "gain": 6.0}
+    whole = RenderedControls(SCENE.cameras["left"])
+    whole.set_controls(request, {})
+    made, settled = RenderedControls(SCENE.cameras["left"]), threading.Event()
+    values = Halfway(vars(made)["_values"])
+    monkeypatch.setattr(made, "_values", values)
+    monkeypatch.setattr(made, "_lock", ToldLock(settled.set))
+    seen: list[tuple[float, ...]] = []
+
+    def look() -> None:
+        seen.append(read(made))
+        settled.set()
+
+    setter, reader = threading.Thread(target=made.set_controls, args=(request, {})), threading.Thread(target=look)
+    setter.start()
+    assert values.reached.wait(60)
+    reader.start()
+    assert settled.wait(60)  # the reader waits for the lock, or has read half of the request
+    values.go.set()
+    setter.join()
+    reader.join()
+    assert seen == [read(whole)]
 
 
 @pytest.mark.parametrize("wrong", [{"gain": 0.5}, {"contrast": -1.0}, {"brightness": 300.0}])

@@ -48,7 +48,7 @@ class HandKeypointSettings:
             hands are found later [count].
         wrist_m: greatest distance of a hand's wrist from that of its person; larger: hands join less certain bodies,
             and may join a wrong one [m].
-        confirm_instants: number of instants in which two cameras must agree before a hand without a body is shown;
+        confirm_instants: number of instants when two cameras must agree before a hand without a body is shown;
             larger: fewer phantoms, and hands are shown later [count].
 
     Raises:

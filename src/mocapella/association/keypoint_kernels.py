@@ -25,6 +25,8 @@ from mocapella.association.keypoint_rays import (
     MIRROR,
     MOST_COST,
     SPREADS,
+    SWAP_COST,
+    SWAP_RATIO,
     CameraArrays,
     KeypointGates,
     Matches,
@@ -38,10 +40,6 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-SWAP_RATIO = 0.4
-"""A detection is used with left and right swapped if this divides its cost at least so much."""
-SWAP_COST = 1.5
-"""Least cost of a detection that may be swapped [squared standard deviations]."""
 UNSURE_SHARE = 0.25
 """Weight of the logarithm of the variances' ratio."""
 UNASSIGNED = 2.0

@@ -113,7 +113,7 @@ class KeypointAssociationSettings:
 
     Attributes:
         joint_sd: standard deviation of a keypoint of average scatter, relative to the person's size in the image;
-            larger: noisier keypoints are still assigned, and close people are told apart later [ratio].
+            larger: noisier keypoints are still assigned, and close people are distinguished later [ratio].
         least_sd_px: least standard deviation of a keypoint; larger: small people count less [px].
         least_confidence: keypoints below this confidence are not used; larger: fewer wrong and fewer true ones
             [0 to 1].
@@ -164,6 +164,10 @@ class KeypointAssociationSettings:
 
 MOST_COST: Final = 9.0
 """Limit of one keypoint's squared deviation (truncated quadratic) [squared standard deviations]."""
+SWAP_RATIO: Final = 0.4
+"""A detection is used with left and right swapped if its cost is then at most this part of its cost before [ratio]."""
+SWAP_COST: Final = 1.5
+"""Cost above which a detection may be swapped [squared standard deviations]."""
 
 
 def sources_of(own: Topology) -> Int64 | None:
@@ -172,14 +176,11 @@ def sources_of(own: Topology) -> Int64 | None:
     The topology's mapping to ``halpe_26`` must take single joints. None if it has no such mapping.
     """
     target = topology("halpe_26")
-    if own.name == target.name:
-        return np.arange(JOINTS)
-    mapping = own.mappings.get(target.name)
-    if mapping is None or any(len(weights) != 1 for weights in mapping.values()):
+    single = own.single_joints(target.name)
+    if not single or len(single) < len(own.mappings.get(target.name, {})):
         return None
     sources = np.full(JOINTS, -1, dtype=np.int64)
-    for joint, weights in mapping.items():
-        sources[joint] = next(iter(weights))
+    sources[list(single)] = list(single.values())
     return sources
 
 

@@ -1,4 +1,4 @@
-"""Compiled search for new people in detections that nobody explains; importing this module imports numba.
+"""Compiled search for new people in detections that no predicted person explains; importing this module imports numba.
 
 Two detections of one person in two cameras have rays that meet, joint by joint, at a body of human proportions. Pairs
 are joined to groups of at most one detection a camera, in the order of their cost, where each pair of the group agrees
@@ -16,7 +16,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.keypoint_rays import BONES, JOINTS, MIRROR, MOST_COST, SHARES, KeypointGates, Rays
+from mocapella.association.keypoint_rays import (
+    BONES,
+    JOINTS,
+    MIRROR,
+    MOST_COST,
+    SHARES,
+    SWAP_COST,
+    SWAP_RATIO,
+    KeypointGates,
+    Rays,
+)
 from mocapella.compiled import njit
 
 Float64 = NDArray[np.float64]
@@ -24,7 +34,7 @@ Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 WALKING_M_S = 1.0
-"""Speed by which a joint may have moved between the captures of two cameras [m/s]."""
+"""Largest speed of a joint between the captures of two cameras [m/s]."""
 SYSTEMATIC_M = 0.015
 """Difference between what two cameras call the same joint [m]."""
 LEAST_SINE = 0.02
@@ -33,8 +43,6 @@ BONE_RATIO = 2.0
 """Largest ratio of a bone's length and that of a body of average proportions."""
 PLAUSIBLE_SHARE = 0.75
 """Least share of bones that have human lengths."""
-SWAP_RATIO = 0.4
-SWAP_COST = 1.5
 
 
 @njit(cache=True, error_model="numpy")
@@ -148,7 +156,7 @@ def pair_cost(
 def group(
     rays: Rays, free: Bools, origins: Float64, gates: KeypointGates, group_of: Int64, swapped: Bools,
 ) -> int:  # fmt: skip
-    """Join detections that nobody explains to groups, one group a person.
+    """Join detections that no predicted person explains to groups, one group a person.
 
     Args:
         rays, origins, gates: see the module.

@@ -31,6 +31,7 @@ CAMERA: Final = 8
 POSE: Final = slice(0, 6)
 FOCAL: Final = 6
 CLOCK: Final = 7
+"""Places of a camera's motion, logarithm of the focal length and clock among its parameters."""
 CAUCHY: Final = 2.5
 """Scale of the Cauchy loss, in standard deviations."""
 BONE_SD: Final = 0.05

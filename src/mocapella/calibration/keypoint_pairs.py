@@ -1,4 +1,4 @@
-"""Find the relative pose of two cameras, and who is who, from tracks of people's keypoints.
+"""Find the relative pose of two cameras, and the identities of people, from tracks of people's keypoints.
 
 The tracks are compared in short passages of time. Five keypoints of one track in each camera give a hypothesis
 (`geometry.essential`), which is scored by all passages: in each, the tracks of both cameras are matched so that most
@@ -39,12 +39,15 @@ SCALE: Final = 0.015
 CHANCE: Final = 0.35
 """Score of a keypoint that two different people reach by chance, which is taken off."""
 _HYPOTHESES: Final = 1500
+"""Number of hypotheses of a pair of cameras, over all pairs of tracks."""
 _TRACK_PAIRS: Final = 40
+"""Most pairs of tracks that give hypotheses: the longest ones."""
 _TRIED: Final = 150
-"""Number of points by which the hypotheses of one pair of tracks are ranked."""
+"""Number of points that rank the hypotheses of one pair of tracks."""
 _KEPT: Final = 4
 """Number of hypotheses of a pair of tracks that are scored by all passages."""
 _REFINED: Final = 6
+"""Number of hypotheses of a pair of cameras that are refined: the best ones."""
 _FEWEST: Final = 40
 """Least number of common points of two tracks, or of a matched passage."""
 
@@ -68,10 +71,10 @@ class CameraPair(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         T_b_a: (4, 4), with a translation of length 1.
-        score: number of keypoints that agree, above those of chance.
+        score: number of keypoints that agree, above the number by chance.
         share: share of the matched keypoints that agree.
         angle_rad: median angle at which the rays of agreeing keypoints meet [rad].
-        matches: who is who.
+        matches: pairs of tracks of one person.
     """
 
     T_b_a: Float64
@@ -121,7 +124,7 @@ def find_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator)
 
 
 def rescored(T_b_a: Float64, a: Float64, b: Float64, passages: Int64) -> CameraPair | None:
-    """Return a given relative pose with its score and matches for directions as those of `find_pair`."""
+    """Return a given relative pose with its score and matches for directions as of `find_pair`."""
     common = _common(a, b, passages)
     if common is None:
         return None

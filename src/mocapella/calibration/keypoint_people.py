@@ -1,4 +1,4 @@
-"""Decide who is who in all cameras: join the matches of pairs of cameras to people, passage by passage.
+"""Identify people in all cameras: join the matches of pairs of cameras to people, passage by passage.
 
 A person keeps its number from one passage to the next while most of its cameras' tracks go on.
 """

@@ -22,7 +22,7 @@ Float64 = NDArray[np.float64]
 LEAST_ANGLE_RAD: Final = np.radians(4.0)
 """Angle of the rays of two cameras below which they count as at one place [rad]."""
 _WIDE_RAD: Final = np.radians(25.0)
-"""Angle from which on a pair is as good as any [rad]."""
+"""Angle above which all pairs are equally good [rad]."""
 
 
 def spanning_tree(pairs: Mapping[tuple[int, int], CameraPair], cameras: int) -> list[tuple[int, int]]:

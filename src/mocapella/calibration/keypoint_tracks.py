@@ -154,7 +154,7 @@ def collect_tracks(frames: Iterable[KeypointFrame]) -> dict[str, CameraTracks]:
     """Link the detections of all frames, by camera, in the order of the names.
 
     Args:
-        frames: frames of any cameras; those of one camera in the order of their times.
+        frames: frames of any cameras; each camera's in the order of their times.
 
     Raises:
         CalibrationError: as `CameraTracks.update`.
@@ -169,11 +169,8 @@ def collect_tracks(frames: Iterable[KeypointFrame]) -> dict[str, CameraTracks]:
 
 def _joints_of(source: Topology) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return indices of joints of `HALPE`, and of the single joints of another topology at their positions."""
-    if source.name == HALPE.name:
-        return tuple(range(JOINTS)), tuple(range(JOINTS))
-    mapping = source.mappings.get(HALPE.name)
-    if mapping is not None:
-        single = [(target, next(iter(terms))) for target, terms in mapping.items() if len(terms) == 1]
+    if source.name == HALPE.name or HALPE.name in source.mappings:
+        single = list(source.single_joints(HALPE.name).items())
     else:
         names = {_SAME.get(name, name): k for k, name in enumerate(source.joints)}
         single = [(k, names[name]) for k, name in enumerate(HALPE.joints) if name in names]
@@ -204,7 +201,7 @@ def sizes_of(pixels: Float64) -> Float64:
 
 
 def _apart(pixels: Float64, last: Float64) -> Float64:
-    """Return the median distance (detections,) of the keypoints from those of a track [px]; infinite without common."""
+    """Return the median distance (detections,) of the keypoints from a track's [px]; infinite without common."""
     off = np.linalg.norm(pixels - last, axis=-1)
     common = np.isfinite(off).any(axis=1)
     out = np.full(len(off), np.inf)

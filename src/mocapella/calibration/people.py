@@ -6,7 +6,7 @@ bodies are one person may be given, and is otherwise derived from the calibratio
 The cost of a frame does not grow with time. A frame is added to its sensor's tracks; each calibrated pair of sensors is
 refined with one person, in turn; one uncalibrated pair is tried; and a few times a second a *refresh* recomputes all
 poses. With many sensors, a refresh takes longer than a frame may. So it is a list of steps with a known amount of work,
-of which each frame does no more than `WORK_A_FRAME`: frames alone decide, no clock, so that a replay does the same.
+and each frame does no more than `WORK_A_FRAME`: frames alone decide, no clock, so that a replay does the same.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ WORK_PER_PAIR: Final = {"hypotheses": 12, "forgotten": 12, "calibrations": 3}
 JUMPED_BACK_S: Final = 0.5
 """Decrease of a sensor's times above which its clock was set back [s]."""
 _LEVEL: Final = SensorPose()
-"""Pose by which people are seen upright or upside down where none is stated."""
+"""Pose of a sensor without a stated one, to decide whether people are upright or upside down."""
 _HALVES: Final = np.repeat(np.eye(2), 3, axis=0)
 """Sums the three translation and the three rotation components of a 6-vector."""
 _RECORDED: Final = {"layout": "rig"}
@@ -280,7 +280,7 @@ class PeopleCalibration(PairsFromPeople):
             self._take(name, keys, now, people)
 
     def _take(self, name: str, keys: tuple[Pair, ...], now: float, people: Identities | None) -> None:
-        """Take one step of a refresh; they are in the order in which a refresh takes them."""
+        """Take one step of a refresh; they are in the order of a refresh."""
         steps: dict[str, Callable[[], None]] = {
             "hypotheses": lambda: self._judge_hypotheses(keys, now),
             "calibrations": lambda: self._judge_calibrations(keys, now, people),

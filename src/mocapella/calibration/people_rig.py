@@ -314,7 +314,7 @@ def _notes(seen: RigFromPeople) -> list[str]:
         )
     if seen.extent_m < LEAST_EXTENT_M:
         notes.append(
-            f"people stayed within {seen.extent_m:.1f} m, where errors exceed what is stated: walk about the room"
+            f"people stayed within {seen.extent_m:.1f} m, where errors exceed the stated ones: walk about the room"
         )
     for name, camera in seen.cameras.items():
         if camera.position_sd_mm > POOR_MM or camera.rotation_sd_deg > POOR_DEG:

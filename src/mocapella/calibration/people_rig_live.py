@@ -45,7 +45,7 @@ class LiveRigSettings:
 class LiveRigFromPeople:
     """Estimates a rig from the frames of free-running cameras.
 
-    An estimate takes a second or more of the processor, in the call of `update` in which it is due.
+    An estimate takes a second or more of the processor, in the call of `update` where it is due.
 
     Args:
         cameras: number of cameras to wait for.

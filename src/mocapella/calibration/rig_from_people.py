@@ -1,9 +1,9 @@
 """Calibrate cameras from the people they see, without a board: poses, focal lengths and clocks.
 
-The steps: tracks of each camera (`keypoint_tracks`), relative poses of all pairs of cameras and who is who
+The steps: tracks of each camera (`keypoint_tracks`), relative poses of all pairs of cameras and identities
 (`keypoint_pairs`, `keypoint_people`), poses along a tree (`keypoint_start`), adjustment of everything together
-(`keypoint_bundle`), floor and stature (`people_floor`), and a scale from what is stated. docs/cameras-people.md
-describes what it can and cannot know.
+(`keypoint_bundle`), floor and stature (`people_floor`), and a scale from stated lengths. docs/cameras-people.md
+describes its limits.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Int64 = NDArray[np.int64]
 Progress = Callable[[str], None]
 
 STATURE_M: Final = 1.70
-"""Stature of people of whom nothing is stated: about the mean of adults worldwide [m]."""
+"""Stature of people without a stated one: about the mean of adults worldwide [m]."""
 FIELD_OF_VIEW_RAD: Final = math.radians(66.0)
 """Typical field of view of a webcam along the longer side of the image [rad]."""
 FOCAL_SD: Final = 0.25
@@ -106,7 +106,7 @@ class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
         clocks_s: (cameras,) each camera's time minus the first's [s].
         views: the keypoints that were used.
         at_s: (bodies,) time of each body, on the first camera's clock [s].
-        sightings: who is who.
+        sightings: the identities of people.
         angles_rad: median angle of the rays of each pair of cameras that was found, by their numbers [rad].
         lens_known: (cameras,) whether the focal length was given.
         people: (bodies, 26, 3) all joints in the first camera's frame [m]; NaN where fewer than two cameras agree.
@@ -155,7 +155,7 @@ def solve_people(
         tracks: the tracks of each camera, by name.
         known: cameras with a given lens, which stays fixed, by name; None for none.
         settings: how; the defaults if None.
-        progress: receives what is done next.
+        progress: receives the name of the next step.
 
     Raises:
         CalibrationError: the people do not determine the cameras; says which, why, and what to do.
@@ -286,6 +286,7 @@ def _searched_clocks(
 
 
 _CLOCK_STEP_S: Final = 0.1
+"""Step of the search for the offset of two cameras' clocks [s]."""
 
 
 def _check_pairs(data: _Data, pairs: Mapping[tuple[int, int], CameraPair]) -> None:

@@ -23,7 +23,7 @@ BEHIND_M: Final = 0.3
 
 
 class Field(NamedTuple):
-    """Cone in which a sensor should see a person's centre: its depth range [m], and half of its angle [rad]."""
+    """Cone where a sensor should see a person's centre: its depth range [m], and half of its angle [rad]."""
 
     nearest_m: float
     farthest_m: float
@@ -33,7 +33,7 @@ class Field(NamedTuple):
 SURE_FIELD: Final = Field(1.2, 4.0, np.radians(25.0))
 """Field of every depth camera in use, less a margin for bodies that are cut off at its border."""
 DOUBTED_FIELD: Final = Field(0.5, 5.0, np.radians(65.0))
-"""The same for a pose that nobody has confirmed: it may be off by tens of degrees."""
+"""The same for an unconfirmed pose: it may be off by tens of degrees."""
 Bools = NDArray[np.bool_]
 
 

@@ -63,7 +63,7 @@ def calibrate_people(
 ) -> None:
     """Calibrate cameras from the people they see, without a board: walk about for half a minute.
 
-    Reads the keypoint files of `mocapella triangulate`; docs/cameras-people.md says what it can and cannot know.
+    Reads the keypoint files of `mocapella triangulate`; docs/cameras-people.md describes its limits.
 
     Example:  mocapella calibrate people session/pose --size 1280x720 --fps 30 --height 1.75 --out rig.toml
     """

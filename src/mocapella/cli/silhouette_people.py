@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mocapella.tracker.silhouette_start import PersonJoints
 
 DETECT_EVERY_S: Final = 0.1
-"""Time between the images of a film in which people are detected [s]."""
+"""Time between two images of a film that are searched for people [s]."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class PeopleWishes:
         """Joints of all people over time, by name; a single one has the name `ALONE`.
 
         Raises:
-            InputError: the keypoints cannot be read, or nobody is found in them.
+            InputError: the keypoints cannot be read, or have no person that can be tracked.
         """
         from mocapella.recording.bodies_file import ALONE
         from mocapella.tracker.silhouette_start import people_joints

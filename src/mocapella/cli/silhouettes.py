@@ -281,7 +281,7 @@ def with_films(
 
         (name,) = finds.values()
         finds = {camera: opened_detector("track silhouettes", name, None, {}) for camera in shown.rig.cameras}
-        with ExitStack() as closing:  # the films once more: those that are tracked stay at their beginning
+        with ExitStack() as closing:  # the films once more: the tracked ones stay at their beginning
             again = _opened(wishes, cameras, wanted, closing)
             filled = replace(people, finds=finds, rig=shown.rig, shown=again, first=wanted.first)
             filled.joints  # noqa: B018 - cached while the films are open

@@ -113,7 +113,7 @@ def triangulate(
 
 
 def _tell(done: TriangulatedPeople, written: list[Path], json: str | None) -> None:
-    """Print the result; exit with status 1 if nobody was tracked."""
+    """Print the result; exit with status 1 if no person was tracked."""
     for note in done.notes:
         say(note)
     row = {"out": [str(path) for path in written], **people_row(done.report), "notes": list(done.notes)}

@@ -30,7 +30,7 @@ class SeenPeople(msgspec.Struct, frozen=True, eq=False):
     """The keypoints of all people in one image: arrays over (detections, keypoints).
 
     Attributes:
-        ids: (detections,) int64 ids by which the detector follows people, `mocapella.model.keypoints.NO_ID` without.
+        ids: (detections,) int64 ids of people that the detector follows, `mocapella.model.keypoints.NO_ID` without.
         positions_px: (detections, keypoints, 2) x, y [px]; the centre of the first pixel is (0, 0); NaN: not seen.
         confidences: (detections, keypoints) 0 to 1.
         relative: (detections, keypoints, 3) the detector's estimate in space, x right, y down, z out of the lens,
@@ -58,7 +58,7 @@ class PeopleDetector(Protocol):
         Args:
             image: (height, width, 3) uint8 blue, green, red; not changed.
             at_s: the image's capture time [s].
-            regions_px: (people, 4) left, top, right, bottom of boxes in which people are expected, such as from a
+            regions_px: (people, 4) left, top, right, bottom of boxes where people are expected, such as from a
                 tracker's prediction [px]; None without. People elsewhere are found as well.
         """
         ...

@@ -167,7 +167,7 @@ def one_seen(marks: Any, world: Any, size_px: tuple[int, int]) -> OneSeen:
 
 
 def nobody(joints: int) -> SeenPeople:
-    """Return that an image shows nobody, for a topology of so many joints."""
+    """Return the result for an image without people, for a topology of so many joints."""
     return SeenPeople(
         np.zeros(0, np.int64), np.zeros((0, joints, 2), np.float32), np.zeros((0, joints), np.float32),
         np.zeros((0, joints, 3), np.float32),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors.keypoint_detector import PeopleDetector, SeenPeople
+from mocapella.detectors.people_slots import BLANK_MARGIN, MOST_COVERED
 from mocapella.errors import InputError
 from mocapella.model.keypoints import NO_ID
 from mocapella.model.topology import Topology, topology
@@ -35,8 +36,7 @@ MEAN: Final = np.array([123.675, 116.28, 103.53], np.float32)
 SD: Final = np.array([58.395, 57.12, 57.375], np.float32)
 """Mean and standard deviation of ImageNet's red, green and blue, which the family's networks expect."""
 MOST_SIDE_PX: Final = 4096
-BLANK_MARGIN: Final = 0.1
-MOST_COVERED: Final = 0.6
+"""Largest side of a network's input [px]."""
 WINDOWS: Final = ((0.0, 1.0), (0.0, 0.5), (0.25, 0.75), (0.5, 1.0))
 """Parts of the image's width that are searched in turn: a person is too small in the whole of a wide image."""
 
@@ -47,9 +47,9 @@ class OnnxSettings:
 
     Attributes:
         most_people: people at once in one image; larger: slower with each person [number]
-        least_confidence: mean confidence of the keypoints from which a person counts; larger: fewer mistakes, and
+        least_confidence: least mean confidence of the keypoints of a person that counts; larger: fewer mistakes, and
             fewer people [0 to 1]
-        search_every_s: time between two searches for further people while somebody is followed, of networks that see
+        search_every_s: time between two searches for further people while a person is followed, of networks that see
             one person; larger: faster, and later to find [s]
         threads: threads of the network; 0 takes all cores [number]
 
@@ -254,7 +254,7 @@ class CropPeople:
         return True
 
     def _search(self, pixels: UInt8, found: list[_Found]) -> None:
-        """Look in one part of the image, without the people who are found, and again at what was there."""
+        """Look in one part of the image, without the people who are found, and again with them."""
         height, width = pixels.shape[:2]
         left, right = WINDOWS[self._window]
         self._window = (self._window + 1) % len(WINDOWS)

@@ -1,6 +1,6 @@
 """Follow several people with a detector of one person: an instance for each person, and one that searches for others.
 
-Instances remember where their person was. The searching instance sees an image in which the people who are found are
+Instances remember where their person was. The searching instance sees an image where the people who are found are
 blank. An instance whose person is lost, or is the person of another instance, becomes free.
 """
 
@@ -38,7 +38,7 @@ class OnePersonDetector(Protocol):
     """A detector that follows one person from image to image."""
 
     def follow(self, image: UInt8) -> OneSeen | None:
-        """Return the person where it was before, or anywhere if it has none; None if nobody is seen there."""
+        """Return the person where it was before, or anywhere if it has none; None if no person is seen there."""
 
     def forget(self) -> None:
         """Forget the person."""
@@ -50,8 +50,8 @@ class SlotSettings:
 
     Attributes:
         most_people: people at once in one image; larger: slower with each person [number]
-        least_confidence: mean confidence of the keypoints from which a person counts [0 to 1]
-        search_every_s: time from a search that found nobody else to the next, while somebody is followed; larger:
+        least_confidence: least mean confidence of the keypoints of a person that counts [0 to 1]
+        search_every_s: time from a search without a further person to the next, while a person is followed; larger:
             faster, and later to find [s]
 
     Raises:
@@ -92,12 +92,12 @@ class PeopleSlots:
         self._searched_s = -np.inf
 
     def update(self, image: UInt8, at_s: float, regions_px: Float32 | None = None) -> SeenPeople | None:
-        """Return the people in the next image, in the order in which they were found; None for nobody.
+        """Return the people in the next image, in the order of their discovery; None for a free instance.
 
         Args:
             image: (height, width, 3) uint8, in the channel order of the instances.
             at_s: capture time [s].
-            regions_px: (people, 4) boxes in which people are expected; None without [px].
+            regions_px: (people, 4) boxes where people are expected; None without [px].
         """
         kept: list[_Slot] = []
         for slot in self._slots:

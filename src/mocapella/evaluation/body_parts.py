@@ -1,4 +1,4 @@
-"""Percentage of correct parts (PCP) of people in space, with which public recordings of several people are scored.
+"""Percentage of correct parts (PCP) of people in space, the score of public recordings of several people.
 
 A limb is correct if the mean of the errors of its two ends is at most half of its true length: V. Ferrari et al.,
 *Progressive Search Space Reduction for Human Pose Estimation*, CVPR 2008; in space V. Belagiannis et al., *3D Pictorial

@@ -1,6 +1,6 @@
-"""Simulated sessions in which nothing is wrong, and the conditions that a tracker reports in them all the same.
+"""Simulated sessions without a fault, and the conditions that a tracker reports in them all the same.
 
-A *warning* is a condition that calls for somebody to act (`mocapella.model.conditions.is_warning`), and is wrong in
+A *warning* is a condition that calls for an action (`mocapella.model.conditions.is_warning`), and is wrong in
 these sessions at any time. Until the first frame of the phase tracking, a calibration may be unfinished. Afterwards no
 condition at all is right, and the phase stays.
 """

@@ -214,7 +214,7 @@ class FacingFigures(msgspec.Struct, frozen=True):
         against_motion_percent: share of Walk's frames faster than `MOVING` that are more than 90° off the heading.
         reversals_per_min: number of reversals per minute of Walk, see `mocapella.evaluation.fused_metrics.reversals`.
         backward_kept_percent: share of Walk's frames with backward motion (reference facing farther than `BACKWARD`
-            from the heading) in which the estimate is also more than 90° off the heading.
+            from the heading) where the estimate is also more than 90° off the heading.
         steps_wrong_percent, stationary_wrong_percent: share of frames more than 90° off the direction of the front
             sensor.
         walk_differs_percent: share of Walk's frames that are more than 90° off the reference.
@@ -304,7 +304,7 @@ def left_out(
         sessions: sessions of at least as many participants as folds.
         folds: number of folds, 2 or more.
         reference: model trained on all participants, for `reference_facings`.
-        settings: settings with which the model will be used; None for the defaults.
+        settings: settings in the model's later use; None for the defaults.
 
     Returns:
         Figures by method. ``front sensor`` and ``mean of sensors`` have raw labels; ``default`` has ``settings``, and

@@ -1,6 +1,6 @@
 """Score study logs with two people: identity switches at hand-labelled crossings, and Δd of both people.
 
-At a crossing two people pass closely, which is where trackers exchange ids. Identity switches are those of CLEAR MOT
+At a crossing two people pass closely, which is where trackers exchange ids. Identity switches are CLEAR MOT's
 (`identity`); Δd is the distance between two sensors' views of a joint.
 """
 
@@ -68,7 +68,7 @@ def people_as_logged(session: StudySession, at_s: float) -> dict[int, Float64]:
 
     Returns:
         Position (3,) of SpineBase by Person_Id, in the reference sensor's camera space [m]: the mean over the sensors
-        of the newest row in which it is finite. Rows later than ``at_s``, or more than `FRESH` s earlier, do not count;
+        of the newest row with a finite position. Rows after ``at_s``, or more than `FRESH` s before it, do not count;
         a person without a row is left out.
     """
     found = {}

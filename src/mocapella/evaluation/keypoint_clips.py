@@ -1,7 +1,7 @@
 """Recordings of people's keypoints with references in space: Pose2Sim's clips and Caliscope's MediaPipe session.
 
-All keypoints are in Halpe's order (`mocapella.sources.simulate.keypoint_body.HALPE`); those that a detector lacks are
-missing. The references are results of those programs, no ground truth.
+All keypoints are in Halpe's order (`mocapella.sources.simulate.keypoint_body.HALPE`); keypoints that a detector lacks
+are missing. The references are results of those programs, no ground truth.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ CLIPS: Final = {
 }
 """Rig and folder of the raw detections of each Pose2Sim clip, relative to its folder."""
 POSE2SIM_HZ: Final = 60.0
+"""Frame rate of the Pose2Sim clips [Hz]."""
 _FIX: Final = "name the folder that has pose2sim_two_people and pose2sim_single_person"
 _MEDIAPIPE: Final = {
     0: "Nose", 2: "LEye", 5: "REye", 7: "LEar", 8: "REar", 11: "LShoulder", 12: "RShoulder", 13: "LElbow",

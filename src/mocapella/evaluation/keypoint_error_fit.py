@@ -2,7 +2,7 @@
 
 There is no ground truth. The detection of one camera is compared with the point that the *other* cameras triangulate
 robustly (`mocapella.geometry.triangulation`), and the residual is divided by the square root of 1 + v, where v is the
-variance that this point has in the image for unit errors of the other cameras. Who is hidden follows from capsules
+variance that this point has in the image for unit errors of the other cameras. Occlusion follows from capsules
 around the reference skeletons. Errors that all cameras share cannot be measured so.
 """
 
@@ -37,15 +37,17 @@ TAIL_FROM: Final = 3.5
 LEAST: Final = 30
 """Least number of errors for an entry of a table; with fewer, the entry of all confidences or groups is used."""
 _LEAST_CONFIDENCE: Final = 0.3
+"""Least confidence of a keypoint that triangulates, and least mean confidence of a detection that is not weak."""
 _SD_OF_SIZE: Final = 0.01
 """Assumed standard deviation of a detection in the triangulation, relative to the size."""
 _LAG_S: Final = 0.25
+"""Longer lag of the autocorrelation [s]."""
 _NOT_FAR: Final = 0.05
 """Errors above it have no part in the autocorrelation."""
 
 
 class MatchedClip(msgspec.Struct, frozen=True, eq=False):
-    """A clip's detections by person, and what is expected of them; axes (frames, cameras, people, 26, …).
+    """A clip's detections by person, and the expected ones; axes (frames, cameras, people, 26, …).
 
     Attributes:
         pixels: (…, 2) detections [px]; NaN where missing.

@@ -29,6 +29,26 @@ SAME_M: Final = 0.5
 WRONG_M: Final = 0.05
 """A measured joint farther off than this is falsely measured [m]."""
 AFTER_NS: Final = 1_000_000_000
+"""Time from which people are expected and false people are counted [ns]."""
+_FAR_M: Final = 9.0
+"""Mean distance that people without a common keypoint get [m]."""
+
+
+def match_people(apart: Float64) -> tuple[Float64, dict[int, int]]:
+    """Match true and found people one to one, so that most are matched and their distances have the least sum.
+
+    Args:
+        apart: (true, found, joints) distances [m]; NaN where a joint is not known.
+
+    Returns:
+        (true, found) mean distances [m]; and the found person of each matched true one, at most `SAME_M` away.
+    """
+    known = np.isfinite(apart)
+    mean = np.where(
+        known.any(axis=-1), np.where(known, apart, 0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1), _FAR_M
+    )
+    rows, columns = linear_sum_assignment(np.where(mean <= SAME_M, mean - 100.0, 0.0)) if mean.size else ((), ())
+    return mean, {int(i): int(j) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M}
 
 
 class PeopleFigures(msgspec.Struct, frozen=True):
@@ -39,7 +59,7 @@ class PeopleFigures(msgspec.Struct, frozen=True):
         hota: HOTA, 0 to 1.
         switches: number of identity switches.
         found_percent: share of the expected people who are found [%].
-        phantoms_percent: instants × people who are nobody, relative to the instants × expected people [%].
+        phantoms_percent: instants × false people, relative to the instants × expected people [%].
         visible_mm: mean distance of the joints that two or more cameras see [mm].
         all_mm: mean distance of all joints that the method gives [mm].
         p95_mm: 95th percentile of the distance of joints that two or more cameras see [mm].
@@ -96,12 +116,7 @@ class PeopleScore:
         expected = ((cameras.sum(axis=-1) >= LEAST_SEEN).sum(axis=0) >= 2) & (room_ns >= AFTER_NS)
         found = np.array([person.positions for person in people]).reshape(len(people), true.shape[1], 3)
         apart = np.linalg.norm(true[:, None] - found[None], axis=-1)
-        known = np.isfinite(apart)
-        mean = np.where(
-            known.any(axis=-1), np.where(known, apart, 0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1), 9.0
-        )
-        rows, columns = linear_sum_assignment(np.where(mean <= SAME_M, mean - 100.0, 0.0)) if mean.size else ((), ())
-        pairs = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M}
+        mean, pairs = match_people(apart)
         nobody = [j for j in range(len(people)) if not (len(true) and mean[:, j].min() <= SAME_M)]
         self._expected += int(expected.sum())
         self._found += sum(bool(expected[i]) for i in pairs)

@@ -75,8 +75,8 @@ class FollowedRun(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         movement: the estimated poses.
-        left_out: indices of the frames in which no camera contributed to the fit.
-        lost: indices of the frames in which the body was lost.
+        left_out: indices of the frames where no camera contributed to the fit.
+        lost: indices of the frames where the body was lost.
         seconds: (frames,) computing time of each update [s]; 0 without a clock.
     """
 

@@ -9,14 +9,13 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.keypoint_clips import CLIPS, KeypointClip, pose2sim_clip
-from mocapella.evaluation.people_scores import SAME_M, PeopleFigures, PeopleScore
+from mocapella.evaluation.people_scores import PeopleFigures, PeopleScore, match_people
 from mocapella.evaluation.simulation import Tracked
 from mocapella.model.camera import CameraRig
-from mocapella.model.observations import Arrival
+from mocapella.model.observations import Arrival, JointState
 from mocapella.model.scene import Person
 from mocapella.settings import parse
 from mocapella.sources.simulate.crowd import CrowdScene, crowd_names, crowd_scene
@@ -40,13 +39,14 @@ CLIP_TARGETS: Final[Mapping[str, tuple[float, float]]] = {
 }
 """Largest median and 95th percentile of each person's distance to the authors' result, by clip [mm]."""
 LEAST_PRESENT: Final = 97.0
+"""Least share of a clip's frames where each person is found [%]."""
 
 
 class ClipPerson(msgspec.Struct, frozen=True):
     """One person of a clip against the authors' result.
 
     Attributes:
-        present_percent: frames in which the person is found [%].
+        present_percent: frames where the person is found [%].
         median_mm, p95_mm: median and 95th percentile of the distance of all joints of the reference [mm].
         ids: number of different numbers that the person had.
     """
@@ -153,18 +153,15 @@ def score_clip(
         found: tuple[Person, ...] = ()
         for frame in instant:
             found = used.update(Arrival(frame, frame.time_ns)).people
-        distance = np.array(
-            [[_distances(person.positions, reference[t]) for person in found] for reference in people]
-        ).reshape(len(people), len(found), -1)
-        mean = np.nan_to_num(_mean_of(distance), nan=9.0)
-        rows, columns = linear_sum_assignment(np.where(mean <= SAME_M, mean - 100.0, 0.0))
-        pairs = [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M]
+        positions = np.array([person.positions for person in found]).reshape(len(found), people.shape[2], 3)
+        distance = np.linalg.norm(people[:, t, None] - positions[None], axis=-1)
+        _, pairs = match_people(distance)
         others += len(found) - len(pairs)
-        for i, j in pairs:
+        for i, j in pairs.items():
             apart[i].append(distance[i, j][np.isfinite(distance[i, j])])
             ids[i].add(found[j].id)
             present[i] += 1
-        measured += sum(int((person.states == 2).sum()) for person in found)
+        measured += sum(int((person.states == JointState.TRACKED).sum()) for person in found)
         joints += sum(len(person.states) for person in found)
     rows_of = []
     for i in range(len(people)):
@@ -209,16 +206,6 @@ def _split(name: str) -> tuple[str, int | None]:
     if cameras and not (cameras.isdecimal() and 1 <= int(cameras) <= 32):
         raise SettingsError(f"scene {name!r}: write the number of cameras as in six-walk/8, from 1 to 32")
     return scene, int(cameras) if cameras else None
-
-
-def _distances(found: Float64, reference: Float64) -> Float64:
-    return np.asarray(np.linalg.norm(found - reference, axis=-1))
-
-
-def _mean_of(distance: Float64) -> Float64:
-    known = np.isfinite(distance)
-    mean = np.where(known, distance, 0.0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
-    return np.where(known.any(axis=-1), mean, np.nan)
 
 
 def _mean(runs: Sequence[Mapping[str, float]]) -> dict[str, float | None]:

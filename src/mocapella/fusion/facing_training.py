@@ -195,7 +195,7 @@ def train(
     Args:
         sequences: observations of some people; in some of them a part of the facings must be known.
         topology: name of the topology of the joints.
-        settings: weights with which the model will be used; the defaults if None.
+        settings: weights in the model's later use; the defaults if None.
         training: parameters of the training; the defaults if None.
 
     Raises:

@@ -82,7 +82,7 @@ def place_by_rays(slopes: Float64, relative: Float64, sds: Float64) -> Placed | 
 def scale_by_floor(
     lowest: Float64, down: Float64, camera_height: float, *, height_sd: float, tilt_sd: float, size_sd: float
 ) -> tuple[float, float]:
-    """Return the factor of a body's size and distance with which it stands on the floor, and its standard deviation.
+    """Return the factor of a body's size and distance that puts it on the floor, and its standard deviation.
 
     Size and distance scale together, since one camera sees the same. The factor is 1 by the assumed stature, and camera
     height / depth below the camera by the floor; both are averaged by their variances.

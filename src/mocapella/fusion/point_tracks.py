@@ -30,7 +30,7 @@ METHODS: Final = {
 }
 
 ALARM: Final = 1.0 / 3.0
-"""Share of unused detections from which a camera is named."""
+"""Share of unused detections above which a camera is named."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ _DEGREES: Final = (
     (3, 0, 0), (2, 1, 0), (1, 2, 0), (0, 3, 0), (2, 0, 1), (1, 1, 1), (0, 2, 1), (1, 0, 2), (0, 1, 2), (0, 0, 3),
     (2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0),
 )  # fmt: skip
-"""Exponents of x, y, z in the monomials of a cubic polynomial: first those of degree 3."""
+"""Exponents of x, y, z in the monomials of a cubic polynomial: degree 3 first."""
 _TIMES_X: Final = ((0, 0), (1, 1), (2, 2), (3, 4), (4, 5), (5, 7))
 """Row of the action matrix, and the cubic monomial that x makes of that row's monomial."""
 _REAL: Final = 1e-6

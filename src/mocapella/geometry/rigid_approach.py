@@ -1,4 +1,4 @@
-"""Approach of rigid motions to refined ones, so that what is drawn with them does not jump."""
+"""Approach of rigid motions to refined ones, so that objects drawn with them do not jump."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ APPROACH_S: Final = 0.3
 APPROACH_M_S: Final = 0.1
 """Least speed of the approach, at a distance of `REACH_M` [m/s]."""
 REACH_M: Final = 4.0
-"""Distance from the pose of what is drawn with it: a rotation moves that so much farther [m]."""
+"""Distance of a drawn object from the pose: a rotation moves that so much farther [m]."""
 AT_ONCE_M: Final = 0.5
 """A pose that is farther off is replaced at once [m]."""
 

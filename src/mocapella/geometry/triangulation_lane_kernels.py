@@ -183,8 +183,8 @@ def fit_most(
 ) -> None:  # fmt: skip
     """Triangulate the points whose views all agree, many at a time; leave the others.
 
-    The initial point is the linear least-squares solution of x·z' − x' and y·z' − y' over the views. Then the steps are
-    those of `refine`. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
+    The initial point is the linear least-squares solution of x·z' − x' and y·z' − y' over the views. The steps of
+    `refine` follow. The loops over ``m`` have no branches, so that the compiler vectorises them over points.
 
     Args:
         views, pixels: (views, 25) the cameras, see `geometry.triangulation.Views`, and (points, views, 2) [px].

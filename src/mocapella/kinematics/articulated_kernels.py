@@ -172,7 +172,7 @@ def _fit(
         origin, positions, variances, R: the fitted pose, written.
         total: (dofs,) sum of all steps; 0 at the beginning.
         posterior: (dofs,) variances, written.
-        excess: (joints,) angle by which the limits held each joint back [rad]; 0 at the beginning.
+        excess: (joints,) angle that the limits held each joint back [rad]; 0 at the beginning.
 
     Returns:
         The sum of the joints' surprises, and the number of measured joints.

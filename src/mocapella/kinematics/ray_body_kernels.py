@@ -223,7 +223,7 @@ def correct_by_rays(
 
 @njit(cache=True, error_model="numpy")
 def _is_finite(layout: MemoryLayout, row: Float64, posterior: Float64) -> bool:
-    """Return whether a memory row's pose, velocities and variances, and those of a fit (dofs,), are numbers."""
+    """Return whether a memory row's pose, velocities and variances, and a fit's (dofs,), are numbers."""
     total = 0.0
     for i in range(layout.angles, layout.slack):
         total += row[i]
@@ -376,7 +376,7 @@ def _fit(
         positions, R: (joints, 3), (joints, 9) written: the fitted pose about that origin.
         total: (dofs,) sum of all steps from a prediction; 0 at the beginning.
         posterior: (dofs,) variances, written.
-        excess: (joints,) angle by which the limits held each joint back [rad]; 0 at the beginning.
+        excess: (joints,) angle that the limits held each joint back [rad]; 0 at the beginning.
         C: (joints, 21) written: covariances of the bones' small motions, of `marginals`.
         work: written: the last `solve`.
 

@@ -21,7 +21,7 @@ Int64 = NDArray[np.int64]
 EXCHANGED = 9.0
 """Least difference of the sums of truncated misfits for a limb's rays to count as left and right exchanged."""
 MOST_CAMERAS = 32
-"""Most cameras of which exchanged limbs are looked for."""
+"""Largest number of cameras that are searched for exchanged limbs."""
 
 
 @njit(cache=True, error_model="numpy")

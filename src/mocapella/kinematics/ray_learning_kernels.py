@@ -104,7 +104,7 @@ def learn_lengths(model: BodyArrays, row: Float64, dt: float, R: Float64, M: Flo
     A longer bone moves its whole subtree along the bone b. The subtree's articulated inertia M (joints, 27), whose own
     joints are free to follow, and the bone's small motion a (joints, 6) of `chain_kernels.solve` give the information
     bᵀ M b about the length, and the correction bᵀ (q − M a) / bᵀ M b with the bias force q. So a length is also learnt
-    where the joint at its beginning is not measured, such as the neck. Lengths of which nothing is known follow the
+    where the joint at its beginning is not measured, such as the neck. Lengths without any measurement follow the
     stature.
     """
     layout, joint_table, joint_values = model.layout, model.joint_table, model.joint_values
@@ -164,7 +164,7 @@ def follow_restlessness(
 
     Innovations of a filter with the right densities are white (R. K. Mehra, On the Identification of Variances and
     Adaptive Kalman Filtering, IEEE Transactions on Automatic Control 15, 1970): successive ones that point to the same
-    side say that it lags, to opposite sides that it follows noise. Innovations beyond what is expected raise it, too.
+    side say that it lags, to opposite sides that it follows noise. Innovations larger than expected raise it, too.
 
     Args:
         model: the body model.
@@ -230,7 +230,7 @@ def age_joints(layout: MemoryLayout, row: Float64, dt: float, sight: Sight) -> N
 
 @njit(cache=True, error_model="numpy")
 def add_age(sight: Sight, j: int, positions: Float64, age: float, covariances: Float64) -> None:
-    """Add to a joint's covariance what it has become less sure by since it was last triangulated.
+    """Add to a joint's covariance the variance that it has gained since it was last triangulated.
 
     The covariances of the filter do not know it: correlations of the degrees of freedom are lost between frames, so the
     same ray seems to tell something new each time. Across a ray that agrees, the joint stays as sure.

@@ -28,7 +28,7 @@ RAY = 8
 NEAREST_M = 0.05
 """Least distance of a joint from a camera along its ray; a ray sees nothing nearer, or behind the camera [m]."""
 GATE = 16.0
-"""Misfit from which on a ray contradicts a point."""
+"""Misfit above which a ray contradicts a point."""
 CLEAR = 9.0
 """Misfit below which all rays are taken to agree, without a search for others that do."""
 SLACK_M = 0.05
@@ -39,7 +39,7 @@ PRIOR_OF_TWO, PRIOR_OF_MORE = 1.25, 0.75
 """Votes of a prediction about two rays, and about more. Where the two contradict it together, such as left and right
 exchanged in one image, the ray that agrees with it is right; among more, two rays that agree are."""
 FAR_M = 30.0
-"""Standard deviation of a point of which nothing is known [m]."""
+"""Standard deviation of an unknown point [m]."""
 NU = 5.0
 """Degrees of freedom of a ray's Student-t weight."""
 

@@ -23,14 +23,14 @@ Int64 = NDArray[np.int64]
 UNSURE_SPEED = 0.3
 """Standard deviation of a joint's predicted speed, for rays of another time than the frame's [m/s]."""
 LEAST_SD, MOST_SD = 1e-5, 1.0
-"""Least standard deviation of a direction, which smaller ones count as, and the one from which on a ray tells nothing
-[rad]."""
+"""Least standard deviation of a direction, which smaller ones count as, and the one above which a ray has no
+information [rad]."""
 FARTHEST_M = 1e5
-"""Sum of a camera's coordinates from which on its rays are not used, because rounding would show [m]."""
+"""Sum of a camera's coordinates above which its rays are not used, because of rounding errors [m]."""
 UNIT = 1e-3
 """Largest deviation of a direction's squared length from 1."""
 SURE = 3
-"""Number of agreeing rays from which on a joint counts as it is measured, however far it is from its prediction."""
+"""Least number of agreeing rays of a joint that counts as measured, however far it is from its prediction."""
 MOST_SURPRISE = 4.0
 """Limit of one joint's surprise."""
 FIRST_VARIANCE = 0.0025
@@ -38,7 +38,7 @@ FIRST_VARIANCE = 0.0025
 
 
 class Sight(NamedTuple):
-    """The rays of one frame, sorted by joint, and what they tell of the joints.
+    """The rays of one frame, sorted by joint, and their information about the joints.
 
     Attributes:
         rays: (n, 8) of `ray_point_kernels`, about the body's root.
@@ -195,7 +195,7 @@ def reweigh(sight: Sight, positions: Float64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def spread(rays: Float64, k: int, positions: Float64, j: int) -> float:
-    """Return the variance of the distance of ray k from joint j, by which a misfit is divided [m²]."""
+    """Return the variance of the distance of ray k from joint j, the divisor of its misfit [m²]."""
     s = 0.0
     for m in range(3):
         s += rays[k, 3 + m] * (positions[j, m] - rays[k, m])

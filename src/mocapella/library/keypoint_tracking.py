@@ -136,7 +136,7 @@ def track_arrivals(
 def without_gaps(frames: Sequence[KeypointFrame], times: Mapping[int, int]) -> list[KeypointFrame]:
     """Return a camera's frames, with a frame without detections at each time that it lacks.
 
-    Programs that list only what they found write nothing for an image in which they found nobody.
+    Programs that list only their detections write nothing for an image without people.
 
     Args:
         frames: the frames of one camera; at least one.

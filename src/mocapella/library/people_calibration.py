@@ -39,7 +39,7 @@ def calibrate_people(
 
     Args:
         files: a folder with a folder or file for each camera, or several folders or files, as `triangulate_people`.
-        size_px: (width, height) of the images; None for those of ``rig``.
+        size_px: (width, height) of the images; None for the sizes of ``rig``.
         fps: frame rate that the numbers of the frames follow; None for the times of the files [Hz].
         scale: a stated length; None for a guess.
         rig: an older rig, or its file: lenses, and world, are kept, and cameras that were moved are named.
@@ -90,7 +90,7 @@ def calibrate_frames(
     frames: Sequence[KeypointFrame], scale: RigScale | None = None, old: CameraRig | None = None,
     settings: RigFromPeopleSettings | None = None, progress: Progress = lambda text: None,
 ) -> RigFromPeople:  # fmt: skip
-    """Calibrate cameras from keypoint frames, those of each camera in the order of their times.
+    """Calibrate cameras from keypoint frames, each camera's in the order of their times.
 
     Args:
         frames: the frames of all cameras, on the cameras' own clocks.

@@ -82,7 +82,7 @@ def with_names_of(people: T, own: Topology) -> T:
     halpe = topology("halpe_26")
     if people.keypoints != halpe.joints or own is halpe:
         return people
-    places = {next(iter(terms)): joint for joint, terms in own.mappings.get(halpe.name, {}).items() if len(terms) == 1}
+    places = {source: joint for joint, source in own.single_joints(halpe.name).items()}
     kept = sorted(places)
     columns = [places[joint] for joint in kept]
     if not kept:

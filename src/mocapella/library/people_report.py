@@ -27,18 +27,18 @@ SAME_POINT: Final = 0.1
 LEAST_PX: Final = 8.0
 """These limits are at least as large [px]."""
 LEAST_POINTS: Final = 3
-"""Least number of keypoints by which a detection is compared with a person."""
+"""Least number of common keypoints of a detection and a person that are compared."""
 CONFIDENT: Final = 0.3
 """Keypoints with a higher confidence are compared."""
 ALARM: Final = 1.0 / 3.0
-"""Share of rejected keypoints or unused detections from which a camera is named."""
+"""Share of rejected keypoints or unused detections above which a camera is named."""
 
 
 class PersonReport(msgspec.Struct, frozen=True):
     """A person over all instants.
 
     Attributes:
-        frames: number of instants in which the person is tracked.
+        frames: number of instants where the person is tracked.
         share: the same, as part of all instants, 0 to 1.
         measured, inferred: part of the joints that are measured, and that the body model estimates, while the person
             is tracked, 0 to 1.
@@ -211,10 +211,7 @@ class _Camera:
 
 def _pairs(own: Topology, other: Topology) -> NDArray[np.int64]:
     """Return (pairs, 2) keypoints and the joints at the same places."""
-    if own is other:
-        return np.repeat(np.arange(len(own))[:, None], 2, axis=1)
-    table = own.mappings.get(other.name, {})
-    found = [(next(iter(terms)), joint) for joint, terms in table.items() if len(terms) == 1]
+    found = [(source, joint) for joint, source in own.single_joints(other.name).items()]
     return np.array(found, np.int64).reshape(-1, 2)
 
 

@@ -50,7 +50,7 @@ class TriangulatedPeople:
 
     @property
     def people(self) -> MotionTracks | None:
-        """The people, with the joints of `halpe_26`; of more than ``most``, those in most frames. None if nobody is."""
+        """The people with joints of `halpe_26`; of more than ``most``, those in most frames. None without people."""
         found = self.recording.people
         if found is None or self.most is None or len(found.individuals) <= self.most:
             return found

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -75,6 +75,44 @@ class CameraRun:
     served: bool
     seconds: float
     errors: dict[str, int]
+
+
+@dataclass(frozen=True)
+class CameraNodeSummary:
+    """Counts of a camera's node.
+
+    Attributes:
+        sensor, node_id: its identity on the bus; the id as 16 hex digits.
+        served: whether a server ever accepted the node.
+        published: number of published frames.
+        seconds: from the start of acquisition to the end [s].
+        report: as the ``report`` of the node's work, with the run's errors.
+    """
+
+    sensor: str
+    node_id: str
+    served: bool
+    published: int
+    seconds: float
+    report: dict[str, Any]
+
+
+def summary(link: NodeLink, run: CameraRun, report: dict[str, Any]) -> CameraNodeSummary:
+    """Return the counts of a node after its run.
+
+    Args:
+        link: the sensor's end of the bus.
+        run: result of the run.
+        report: the report of the node's work.
+    """
+    return CameraNodeSummary(
+        sensor=link.node.sensor,
+        node_id=f"{link.node.node_id:016x}",
+        served=run.served,
+        published=link.published,
+        seconds=run.seconds,
+        report=report | {"errors": run.errors},
+    )
 
 
 def run_camera_node(

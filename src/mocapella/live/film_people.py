@@ -30,7 +30,7 @@ _ANKLES: Final = _HALPE.index("LAnkle"), _HALPE.index("RAnkle")
 FILM_NODE: Final = 1
 """Id of the node of a film's frames."""
 FEWEST: Final = 6
-"""Least number of known joints in an image from which a person is expected there."""
+"""Least number of known joints in an image of a person expected there."""
 MARGIN: Final = 0.15
 """Margin of the box of an expected person, part of its longer side."""
 Record = Callable[[KeypointFrame, Arrival, Scene], None]
@@ -42,8 +42,8 @@ class FilmCounts(msgspec.Struct, frozen=True):
     Attributes:
         instants: number of instants, with an image of each camera.
         images: number of images by camera.
-        with_people: number of images by camera in which somebody was detected.
-        tracked: number of instants after which somebody was tracked.
+        with_people: number of images by camera with a detected person.
+        tracked: number of instants with a tracked person.
         most_people: largest number of people tracked at once.
         ids: number of different people.
     """
@@ -60,10 +60,10 @@ class FilmPeople:
     """Detects and tracks people in synchronised films.
 
     The tracker's people are projected into each image before it is searched, so that a detector of one person finds
-    again who was hidden.
+    again after an occlusion.
 
     Args:
-        cameras: calibrated cameras by name; nobody is expected in images of other cameras.
+        cameras: calibrated cameras by name; no person is expected in images of other cameras.
         detectors: a detector for each camera, by name.
         tracker: a tracker of keypoints that has seen no frame yet.
         record: receives each frame with its arrival and scene.
@@ -140,7 +140,7 @@ class FilmPeople:
 
 
 def expected_regions(scene: Scene, placed: PlacedCamera) -> Float32:
-    """Return the boxes (people, 4) left, top, right, bottom in which a scene's people are in a camera's image [px].
+    """Return the boxes (people, 4) left, top, right, bottom of a scene's people in a camera's image [px].
 
     A person with too few known joints in the image (`FEWEST`) is left out.
 

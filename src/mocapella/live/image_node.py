@@ -5,35 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
-from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.camera_node import CameraNodeSettings, CameraNodeSummary, run_camera_node, summary
 from mocapella.live.camera_service import CameraService
 from mocapella.live.image_work import ImageWork
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 from mocapella.wire.node import NodeLink
-
-
-@dataclass(frozen=True)
-class ImageNodeSummary:
-    """Counts of a camera's node.
-
-    Attributes:
-        sensor, node_id: its identity on the bus; the id as 16 hex digits.
-        served: whether a server ever accepted the node.
-        published: number of published images.
-        seconds: from the start of acquisition to the end [s].
-        report: as `ImageWork.report`.
-    """
-
-    sensor: str
-    node_id: str
-    served: bool
-    published: int
-    seconds: float
-    report: dict[str, Any]
 
 
 def run_image_node(
@@ -49,7 +27,7 @@ def run_image_node(
     say: Callable[[str], None] = lambda text: None,
     linger_s: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
-) -> ImageNodeSummary:
+) -> CameraNodeSummary:
     """Publish the newest image repeatedly, until the source ends or ``stop`` is set.
 
     An unexpected error, which is no `MocapellaError`, costs its image only; the report counts it. ``stop`` is set when
@@ -86,11 +64,4 @@ def run_image_node(
         settings or CameraNodeSettings(), epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
         begun=lambda: link.answer(service.ask), linger_s=linger_s,
     )  # fmt: skip
-    return ImageNodeSummary(
-        sensor=link.node.sensor,
-        node_id=f"{link.node.node_id:016x}",
-        served=run.served,
-        published=link.published,
-        seconds=run.seconds,
-        report=work.report() | {"errors": run.errors},
-    )
+    return summary(link, run, work.report())

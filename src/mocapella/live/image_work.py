@@ -8,17 +8,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-import numpy as np
-
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import NotNowError
 from mocapella.live.camera_node import FaultReports
-from mocapella.live.marker_work import DetectedPicture, colour_image
+from mocapella.live.marker_work import colour_image
+from mocapella.live.unmarked_work import UnmarkedWork
 from mocapella.model.images import ImageFrame, image_frame
-from mocapella.model.markers import marker_frame
-from mocapella.sensing.colour_profile import ColourProfile
 from mocapella.sensing.images import encode_image
-from mocapella.sensing.markers import MarkerDetector
 from mocapella.settings import check
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
@@ -51,23 +46,18 @@ class ImageSettings:
         check(0 <= self.delay_s <= 10, "delay_s", self.delay_s, "0 to 10 s")
 
 
-class ImageWork:
+class ImageWork(UnmarkedWork):
     """Encodes images as frames; a `mocapella.live.camera_service.PictureWork` without markers.
 
     Args:
         camera: the camera's name.
         acquisition: source of the images; used for its reports only.
         settings: settings of the encoding; the defaults if None.
-
-    Attributes:
-        newest: the last encoded image; None before the first.
-        detector: None; there are no markers.
     """
 
     def __init__(self, camera: str, acquisition: Acquisition, settings: ImageSettings | None = None) -> None:
-        self.camera, self.acquisition, self.settings = camera, acquisition, settings or ImageSettings()
-        self.newest: DetectedPicture | None = None
-        self.detector: MarkerDetector | None = None
+        super().__init__(camera, acquisition, NO_MARKERS)
+        self.settings = settings or ImageSettings()
         self.sent = self.bytes = 0
         self._sizes: deque[int] = deque(maxlen=_LATELY)
         self._warned = FaultReports()
@@ -81,25 +71,9 @@ class ImageWork:
         data = encode_image(pixels, s.format, s.quality)
         self.sent, self.bytes = self.sent + 1, self.bytes + len(data)
         self._sizes.append(len(data))
-        nothing = marker_frame(
-            self.camera, (), time_ns=picture.time_ns, size_px=picture.size_px, positions_px=np.zeros((0, 2))
-        )
-        self.newest = DetectedPicture(picture, nothing, None)
+        self.keep(picture)
         at_ns = picture.time_ns - round(s.delay_s * NS_PER_S)
         return image_frame(self.camera, data, time_ns=at_ns, format=s.format, size_px=picture.size_px)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of markers: none."""
-        return ()
-
-    def use(self, profile: ColourProfile) -> None:
-        """Refuse colours.
-
-        Raises:
-            NotNowError: always; names the node that detects markers.
-        """
-        raise NotNowError(NO_MARKERS)
 
     def report(self) -> dict[str, Any]:
         """Return counts, in the form of ``--json``."""

@@ -5,35 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
-from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.camera_node import CameraNodeSettings, CameraNodeSummary, run_camera_node, summary
 from mocapella.live.camera_service import CameraService
 from mocapella.live.keypoint_work import KeypointWork
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 from mocapella.wire.node import NodeLink
-
-
-@dataclass(frozen=True)
-class KeypointNodeSummary:
-    """Counts of a webcam's node.
-
-    Attributes:
-        sensor, node_id: its identity on the bus; the id as 16 hex digits.
-        served: whether a server ever accepted the node.
-        published: number of published frames.
-        seconds: from the start of acquisition to the end [s].
-        report: as `KeypointWork.report`.
-    """
-
-    sensor: str
-    node_id: str
-    served: bool
-    published: int
-    seconds: float
-    report: dict[str, Any]
 
 
 def run_keypoint_node(
@@ -49,7 +27,7 @@ def run_keypoint_node(
     say: Callable[[str], None] = lambda text: None,
     linger_s: float = 0.0,
     clock: Callable[[], float] = time.monotonic,
-) -> KeypointNodeSummary:
+) -> CameraNodeSummary:
     """Detect people in the newest image and publish them, until the source ends or ``stop`` is set.
 
     Images that arrive during a detection are skipped but for the newest; results of an image older than
@@ -91,11 +69,4 @@ def run_keypoint_node(
         link, acquisition, work, look, s, epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
         begun=lambda: link.answer(service.ask), linger_s=linger_s,
     )  # fmt: skip
-    return KeypointNodeSummary(
-        sensor=link.node.sensor,
-        node_id=f"{link.node.node_id:016x}",
-        served=run.served,
-        published=link.published,
-        seconds=run.seconds,
-        report=work.report() | {"errors": run.errors},
-    )
+    return summary(link, run, work.report())

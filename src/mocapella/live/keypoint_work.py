@@ -11,14 +11,11 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.detectors.keypoint_detector import PeopleDetector, frame_of
-from mocapella.errors import NotNowError
 from mocapella.live.camera_node import FaultReports
-from mocapella.live.marker_work import DetectedPicture, colour_image
+from mocapella.live.marker_work import colour_image
+from mocapella.live.unmarked_work import UnmarkedWork
 from mocapella.model.keypoints import KeypointFrame
-from mocapella.model.markers import marker_frame
 from mocapella.model.sensor_frame import SensorFrame
-from mocapella.sensing.colour_profile import ColourProfile
-from mocapella.sensing.markers import MarkerDetector
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 
@@ -34,7 +31,7 @@ _EVERY_PX: Final = 8
 NO_COLOURS: Final = "this camera sends keypoints of people; mocapella node markers detects markers"
 
 
-class KeypointWork:
+class KeypointWork(UnmarkedWork):
     """Detects people in images; a `mocapella.live.camera_service.PictureWork` without markers.
 
     Args:
@@ -43,18 +40,15 @@ class KeypointWork:
         finds: the detector, for this camera alone.
 
     Attributes:
-        newest: the last processed image; None before the first.
-        detector: None; there are no markers.
         late: number of images whose processing took longer than the frame period.
         too_late: number of images whose keypoints were too old to send.
         images: number of processed images.
-        with_people: number of these in which somebody was found.
+        with_people: number of these with a detected person.
     """
 
     def __init__(self, camera: str, acquisition: Acquisition, finds: PeopleDetector) -> None:
-        self.camera, self.acquisition, self._finds = camera, acquisition, finds
-        self.newest: DetectedPicture | None = None
-        self.detector: MarkerDetector | None = None
+        super().__init__(camera, acquisition, NO_COLOURS)
+        self._finds = finds
         self.late = self.too_late = self.images = self.with_people = self._people = 0
         self._took_s = 0.0
         self._ages_s: deque[float] = deque(maxlen=LATELY)
@@ -73,10 +67,7 @@ class KeypointWork:
         frame = frame_of(seen, self._finds.topology, self.camera, picture.time_ns, picture.size_px)
         self.images, self._people = self.images + 1, frame.bodies
         self.with_people += bool(frame.bodies)
-        nothing = marker_frame(
-            self.camera, (), time_ns=picture.time_ns, size_px=picture.size_px, positions_px=np.zeros((0, 2))
-        )
-        self.newest = DetectedPicture(picture, nothing, None)
+        self.keep(picture)
         return frame
 
     def frame(self, picture: Picture) -> SensorFrame:
@@ -97,19 +88,6 @@ class KeypointWork:
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
         return age_s <= drop_after_s
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of markers: none."""
-        return ()
-
-    def use(self, profile: ColourProfile) -> None:
-        """Refuse colours.
-
-        Raises:
-            NotNowError: always; names the node that detects markers.
-        """
-        raise NotNowError(NO_COLOURS)
 
     def report(self) -> dict[str, Any]:
         """Return counts since the start and current problems, in the form of ``--json``."""

@@ -234,7 +234,7 @@ class RecordPath:
 
     def _ask_once(self, node: NodeKey, contact: _Contact) -> bool:
         """Send a request if one is due; return whether a further one may be."""
-        batches = contact.batches  # before the state, which then has all frames of those that are forgotten
+        batches = contact.batches  # before the state, which then has all frames of the forgotten ones
         now_s, state = time.monotonic(), self._state(node)
         request = self._request(state, contact, node, batches)
         if contact.under_way and not (request.wanted and contact.under_way < contact.most):
@@ -436,7 +436,7 @@ def hear_answer(
         answer: the node's answer to a request.
         first: number of the node's first frame that belongs to the take; None if node and server have agreed on one.
         end: number after the node's last frame that belongs to the take; None while more may follow.
-        wanted: (first, last) of the frames that the node was asked for; those that it cannot read are given up.
+        wanted: (first, last) of the frames that the node was asked for; frames that it cannot read are given up.
     """
     news = first is not None and _expect(ledger, first=first)
     ledger.hear(answer.next, answer.oldest)

@@ -222,7 +222,7 @@ class SensorRegistry:
         The node must hold the name (`holds`); ``arrived_ns`` is on the server's monotonic clock.
 
         Raises:
-            WireError: its sequence number, by which a take identifies frames, is not above the last one, or leaps too
+            WireError: its sequence number, the identity of frames in a take, is not above the last one, or leaps too
                 far (`check_leap`); or it is the first, and there are `MOST_SENSORS` others.
         """
         entry = self._entries[node.sensor]

@@ -193,7 +193,7 @@ class StudyService:
             return ""
         state, events = interrupted(state)
         self._state = state
-        self._results_task = 1  # of a task that was running before: nobody knows how many, so it gives no warning
+        self._results_task = 1  # of a task that was running before: their number is unknown, so it gives no warning
         if state.phase != "waiting":
             self._record(state)
         self._take_up(state, events)
@@ -303,7 +303,7 @@ class StudyService:
         self._show(self._now_ns())
 
     def _with_note(self, event: StudyEvent) -> StudyEvent:
-        """Count the results of an attempt from its start on, and note at its end if nobody was tracked."""
+        """Count the results of an attempt from its start on, and note at its end if no person was tracked."""
         if event.what == "started":
             self._results_task = 0
         if event.what != "finished" or self._results_task:

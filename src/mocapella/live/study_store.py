@@ -34,7 +34,7 @@ class FolderStore:
         operator: code of who runs the session, for the manifest.
 
     Attributes:
-        notes: what the researcher must know: an edited protocol, and tasks during which nobody was tracked.
+        notes: what the researcher must know: an edited protocol, and tasks without a tracked person.
 
     Raises:
         InputError: it is no study's folder, or cannot be read.

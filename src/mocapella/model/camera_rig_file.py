@@ -11,7 +11,7 @@ Our format is lossless to the bit. `load_camera_rig` recognises the format of a 
 - Qualisys' ``.qca.txt``.
 
 World frames of other formats are kept: only in ours y is known to be up. If a translation is longer than 100, the
-translations of the file are taken as millimetres, in which Anipose and others measure boards.
+translations of the file are taken as millimetres, the unit of boards in Anipose and others.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def keypoint_frame(
         topology: names and order of the keypoints.
         time_ns: capture time of the first row, mid-exposure, on the camera's own clock.
         size_px: (width, height) of the image.
-        positions_px: (detections, keypoints, 2) x, y, with the lens' distortion [px]; empty if nobody is seen.
+        positions_px: (detections, keypoints, 2) x, y, with the lens' distortion [px]; empty if no person is seen.
         confidences: of each keypoint, 0 to 1; a scalar applies to all.
         ids: (detections,) the detector's ids; `NO_ID` for all if None.
         relative: (detections, keypoints, 3), see `KeypointFrame` [m]; None without.

@@ -70,6 +70,20 @@ class Topology:
             raise SettingsError(f"{self.name} has no joint {joint!r}; it has {one_of(joint, self.joints)}")
         return self._index[joint]
 
+    def single_joints(self, other: str) -> dict[int, int]:
+        """Return the joints of another topology that are single joints of this one: index there → index here.
+
+        Joints that are a mean of several joints are left out. The result is empty without a mapping to ``other``, and
+        has all joints if ``other`` is this topology.
+
+        Args:
+            other: name of the other topology.
+        """
+        if other == self.name:
+            return {joint: joint for joint in range(len(self))}
+        table = self.mappings.get(other, {})
+        return {joint: next(iter(weights)) for joint, weights in table.items() if len(weights) == 1}
+
     @cached_property
     def _index(self) -> dict[str, int]:
         return {name: i for i, name in enumerate(self.joints)}

@@ -1,7 +1,7 @@
 """Read detections of people from JSON of OpenPose, MMPose and RTMLib, and AlphaPose.
 
 OpenPose writes a file for each image, as Pose2Sim does, of any set of keypoints; MMPose a file for each image or video;
-AlphaPose a file for each video. The formats are told apart by their content.
+AlphaPose a file for each video. The formats are distinguished by their content.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Float64 = NDArray[np.float64]
 Progress = Callable[[str], None]
 _AGAIN: Final = "leave it out or write it again"
 _SAMPLE: Final = 200
-"""Number of detections by which the order of 25 points is told."""
+"""Number of detections that decide the order of 25 points."""
 _BIG: Final = 2**62
 
 

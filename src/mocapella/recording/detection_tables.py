@@ -33,7 +33,7 @@ _SLEAP: Final = ("track", "frame_idx", "instance.score")
 
 
 class _Column(NamedTuple):
-    """A data column: its place, and what it has."""
+    """A data column: its place and its content."""
 
     at: int
     individual: str

@@ -1,4 +1,4 @@
-"""Detections of named points in one camera's images, as other programs' files have them, and what they are turned into.
+"""Detections of named points in one camera's images, as other programs' files have them, and their conversion.
 
 A file has neither the camera's image size nor, in most formats, times: the rig and the user state them.
 """

@@ -223,9 +223,9 @@ def _compare(parts: Sequence[Path], copy: Path, found: FoundFrames | None) -> No
 
 
 def _wanted(parts: Sequence[Path], found: FoundFrames | None) -> Iterator[_Entry]:
-    """Yield the entries of a merged take: those of the parts, then the found frames and their ledgers.
+    """Yield the entries of a merged take: first of the parts, then the found frames and their ledgers.
 
-    A mark by which `reopen` opens the take again stays the last entry.
+    The mark of `reopen` for opening the take again stays the last entry.
     """
     marked = False
     for entry in _entries(parts):

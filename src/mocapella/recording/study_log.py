@@ -155,7 +155,7 @@ _WANTED: Final = "a study log begins with the row " + ", ".join(columns.HEADER[:
 
 
 def joined_blocks(parts: Sequence[StudyLog]) -> StudyLog:
-    """Return the rows of all blocks of a file, of which there is one at least."""
+    """Return the rows of all blocks of a file; there is at least one."""
     names = [name for name in StudyLog.__struct_fields__ if name != "source"]
     return StudyLog(
         parts[0].source, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

@@ -21,8 +21,8 @@ KEPT_S: Final = 0.5
 class BodyIds:
     """Gives bodies of successive frames their ids: the nearest bodies of the last frames keep theirs.
 
-    The ids count from 1 and are never used twice. A body and the last place of another one that is as near are told
-    apart by the distances of all joints that both have.
+    The ids count from 1 and are never used twice. A body and the last place of another one that is as near are
+    distinguished by the distances of all joints that both have.
     """
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 SEEDS: Final = ((3, 3), (4, 3), (5, 4))
-"""Numbers of inner corners from which boards of unknown size are grown."""
+"""Numbers of inner corners of the first part of a board of unknown size."""
 _ALTERNATES: Final = 0.5
 """Least difference of neighbouring squares beyond a grid, by that within it, of a board that goes on."""
 _MOST: Final = 40

@@ -111,8 +111,8 @@ def classify(
         profile: the colours of the markers and of the background.
         bgr: (..., 3) pixels, of any number type.
         settings: margins of the classification; the defaults if None.
-        near_px: side of a window that the marker is known to be in [px]; 0 for the whole image. The background of the
-            scene, of which a window has a small part, counts by the window's share of the image.
+        near_px: side of a window that the marker is known to be in [px]; 0 for the whole image. A window has a small
+            part of the scene's background, which counts by the window's share of the image.
     """
     s = settings or TableSettings()
     values = np.asarray(bgr, np.float64)

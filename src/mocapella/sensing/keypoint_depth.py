@@ -5,7 +5,7 @@
     joints.positions, joints.states          # (people, keypoints, 3), (people, keypoints)
 
 A depth image measures skin and clothes, and whatever stands in front. For each person, the surface of every keypoint is
-chosen together with those of the other keypoints, so that limbs have possible lengths and continuous surfaces
+chosen together with the other keypoints', so that limbs have possible lengths and continuous surfaces
 (`keypoint_layer_kernels`). Joints lie under the surface by the limb's radius. A keypoint that is behind something, or
 whose pixel has no depth, is inferred from the joints next to it and is never tracked (`keypoint_joint_kernels`).
 """
@@ -129,7 +129,7 @@ class KeypointLift:
         statures = np.full(people, np.nan)
         limbs, focal = keypoint_limbs(frame.topology), float(pinhole[0])
         taken, count = np.empty((people * (n + 36), 7)), 0
-        # People in front are seen more surely: what was found of them is not anybody's behind them.
+        # People in front are seen more surely: their surfaces belong to no person behind them.
         for k in np.argsort(-confidences.mean(axis=1), kind="stable").tolist():
             statures[k] = _kernels().lift_person(
                 depth, focal, limbs, rays[k], pixels[k], confidences[k], taken[:count], float(self.settings.sure),
@@ -143,7 +143,7 @@ class KeypointLift:
         return LiftedJoints(there, positions[there], states[there], statures[there])
 
     def warm_up(self, own: Topology) -> None:
-        """Compile the kernels for keypoints of a topology, by an image without anybody."""
+        """Compile the kernels for keypoints of a topology, by an image without people."""
         width, height = self.size_px
         shape = (height, width) if self._depth_lens is None else (3, 4)
         pixels = np.full((1, len(own), 2), 1.0)
@@ -151,7 +151,7 @@ class KeypointLift:
         self.joints(nobody, np.zeros(shape, np.float32))
 
     def _registered(self, depth: Float32) -> tuple[Float64, Float32]:
-        """Return the pinhole camera (4,) fx fy cx cy [px] and the depth image [m] in which keypoints are looked up."""
+        """Return the pinhole camera (4,) fx fy cx cy [px] and the depth image [m] where keypoints are looked up."""
         width, height = self.size_px
         if self._depth_lens is None:
             if depth.shape != (height, width):

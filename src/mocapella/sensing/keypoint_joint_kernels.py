@@ -37,7 +37,9 @@ USUAL_M: Final = 1.7
 _STATURES_M: Final = (0.7, 2.3)
 """Least and greatest stature of a person; a body outside is a picture or a mistake [m]."""
 _LIMBS_FOR_STATURE: Final = 3
+"""Least number of limbs that measure a stature."""
 _MORE: Final = 0.2
+"""Further confidence of a tracked joint whose limb begins at a joint out of view."""
 _STEEP: Final = 0.5
 """Least sine of the angle between limb and line of sight that the flesh is divided by."""
 _HEAD: Final = (0.05, 0.043)
@@ -194,7 +196,7 @@ def _stature_m(limbs: KeypointLimbs, views: UInt8, positions: Float64) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _hide_short(limbs: KeypointLimbs, confidences: Float64, stature_m: float, positions: Float64, views: UInt8) -> None:
-    """Update how ends of limbs are seen that would be too short: what is taken for the far end is something else."""
+    """Update how ends of limbs are seen that would be too short: the surface at the far end is another object's."""
     n = len(views)
     for step in range(n):
         k = limbs.order[step]

@@ -33,30 +33,37 @@ _LONGEST: Final = 1.2
 _SHORTEST: Final = 0.75
 """Least length of a limb, relative to the least of `STATURE_M`."""
 _SHORT_COST: Final = 1.5
+"""Cost of a limb that is too short."""
 _LOOSE_M: Final = 0.06
 """Further length that errors of keypoints and flesh add [m]."""
 _LENGTH_SD_M: Final = 0.08
+"""Excess length of a limb that costs 1 [m]; the cost grows with its square."""
 _SAMPLES: Final = 8
+"""Number of places along a limb that are searched for steps of depth."""
 _STEP_COST: Final = 4.0
 """Cost of a limb with steps everywhere; of a share of its length, that share."""
 _RANK_COST: Final = 0.15
 """Cost of each nearer layer at the same keypoint."""
 _SHARE_COST: Final = 0.6
+"""Cost of a layer without any share of the depths at the keypoint."""
 _NONE_COST: Final = 0.9
 """Cost of a keypoint on no layer whose limb begins at a known place."""
 _NONE_AFTER_NONE: Final = 0.35
 """That after another one; both costs are multiplied by `_SURE` plus the detector's confidence."""
 _SURE: Final = 0.4
+"""Part of both costs for a confidence of 0."""
 _AGAIN_COST: Final = 0.1
 """Cost of a keypoint on a layer after one on none."""
 _REACH: Final = 0.5
 """Distance from the trunk's middle of keypoints whose limb begins at an unknown place, relative to the stature."""
 _MOST_SAMPLES: Final = 400
+"""Most depths at a keypoint that are sorted into layers."""
 _ASIDE: Final = 0.6
 """What a layer's share is worth less if it is not at the keypoint's own pixels."""
 _TAKEN_M: Final = 0.06
 """Distance from another person's flesh within which a surface is that person's [m]."""
 _LEAST_SHARE: Final = 0.08
+"""Least share of a layer in the depths at a keypoint."""
 _LOW: Final = 0.3
 """Quantile of a layer's depths that stands for it: its middle is nearer than its sides."""
 

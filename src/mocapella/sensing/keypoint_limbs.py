@@ -122,10 +122,7 @@ def keypoint_limbs(own: Topology) -> KeypointLimbs:
 def _places(own: Topology) -> dict[str, int]:
     """Index of each joint of the reference that is a single keypoint of the topology."""
     reference = topology(REFERENCE)
-    if own.name == REFERENCE:
-        return {joint: index for index, joint in enumerate(own.joints)}
-    table = own.mappings.get(REFERENCE, {})
-    return {reference.joints[joint]: next(iter(terms)) for joint, terms in table.items() if len(terms) == 1}
+    return {reference.joints[joint]: source for joint, source in own.single_joints(REFERENCE).items()}
 
 
 def _in_order(parent: Int64) -> Int64:

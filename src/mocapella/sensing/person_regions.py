@@ -1,4 +1,4 @@
-"""Regions of people in an image: boxes around their keypoints, and images in which some regions are blank.
+"""Regions of people in an image: boxes around their keypoints, and images with blank regions.
 
 Detectors of one person find several people with them: each found person's box is blank in the image that is searched
 for further people.
@@ -28,7 +28,7 @@ def box_of(positions_px: Float32, confidences: Float32, margin: float = 0.0) -> 
     Args:
         positions_px: (keypoints, 2), NaN where not seen.
         confidences: (keypoints,) 0 to 1; only those from `SEEN` count.
-        margin: part of the box's longer side by which it is enlarged on each side.
+        margin: enlargement on each side, as a part of the box's longer side.
     """
     there = (confidences >= SEEN) & np.isfinite(positions_px).all(axis=-1)
     if np.count_nonzero(there) < FEWEST:
@@ -67,7 +67,7 @@ def overlap(one: Float32, other: Float32) -> float:
 
 
 def without(image: UInt8, boxes: list[Float32]) -> UInt8:
-    """Return a copy of an image (height, width, 3) in which the boxes are filled with the image's mean colour.
+    """Return a copy of an image (height, width, 3) with the boxes filled with the image's mean colour.
 
     Without boxes it is the image itself.
     """

@@ -33,7 +33,7 @@ FPS: Final = {5: 0, 15: 1, 30: 2}
 """Values by frame rate [Hz]."""
 PROCESSING: Final = {"gpu": 0, "cpu": 1, "cuda": 2, "tensorrt": 3, "directml": 4}
 MOUNTED: Final = {"upright": 0, "clockwise": 1, "counterclockwise": 2, "upside-down": 3}
-"""Values of the sensor's orientation, as seen by somebody who faces it."""
+"""Values of the sensor's orientation, as seen by a person who faces it."""
 NO_BODY: Final = 0xFFFFFFFF
 """Id of a body that there is not."""
 CALIBRATION_BYTES: Final = 4096
@@ -135,7 +135,7 @@ def find_libraries(folders: Iterable[Path] = ()) -> dict[str, Library | None]:
     """Find ``k4a`` and ``k4abt`` without loading them; None for one that is not installed.
 
     Args:
-        folders: folders to search first; then follow those of `FOLDERS_VARIABLE`, and where installers put them.
+        folders: folders to search first; then follow the folders of `FOLDERS_VARIABLE`, and where installers put them.
     """
     every = [*folders, *_paths(FOLDERS_VARIABLE), *_usual_folders()]
     return {name: next(_in_folders(name, every), None) for name in _FUNCTIONS}

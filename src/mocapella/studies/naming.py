@@ -64,9 +64,9 @@ class StudyNames(msgspec.Struct, frozen=True):
         folder: the study's folder.
         general: the names in the present protocol.
         plans: the planned tasks of each session, by the participant's code.
-        order: the order of tasks and placements in the protocol; those of edited protocols follow.
+        order: the order of tasks and placements in the protocol; tasks and placements of edited protocols follow.
         methods: tracking method of each log of a task, by its path in the folder, as the manifest has it.
-        findings: sessions that cannot be read or whose protocol was edited, and tasks without anybody.
+        findings: sessions that cannot be read or whose protocol was edited, and tasks without a tracked person.
     """
 
     folder: Path
@@ -77,7 +77,7 @@ class StudyNames(msgspec.Struct, frozen=True):
     findings: tuple[StudyFinding, ...] = ()
 
     def of(self, path: Path) -> RecordingNames:
-        """Return the names in a recording: those of its own task if it is the log of one, else of its session."""
+        """Return the names in a recording: its own task's if it is the log of one, else its session's."""
         parts = path.absolute().relative_to(self.folder).parts if path.absolute().is_relative_to(self.folder) else ()
         plan = self.plans.get(parts[1]) if len(parts) > 2 and parts[0] == PARTICIPANTS else None
         if plan is None:
@@ -139,7 +139,7 @@ def _methods(study: Path, findings: list[StudyFinding]) -> dict[str, str]:
 
 
 def _sessions(study: Path, protocol: StudyProtocol, findings: list[StudyFinding]) -> Iterator[tuple[str, SavedSession]]:
-    """Yield the sessions by code; add what is wrong with them to the findings."""
+    """Yield the sessions by code; add their faults to the findings."""
     for file in sorted((study / PARTICIPANTS).glob(f"*/{SESSION}")):
         code = file.parent.name
         try:

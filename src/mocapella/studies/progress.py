@@ -25,7 +25,7 @@ What = Literal[
 ]  # fmt: skip
 
 ENDED: Final[tuple[StudyPhase, ...]] = ("done", "aborted")
-"""Phases in which a session has ended."""
+"""Phases of a session that has ended."""
 NOTHING_TRACKED: Final = "no person was tracked"
 """End of the note of the event `finished` of a task during which no result had a tracked person."""
 LONGEST_NOTE: Final = 500

@@ -73,7 +73,7 @@ def write_logs(study: StudyFolder, code: str, *, by: str, at: datetime) -> tuple
 
     Returns:
         One for each finished task and each take with results of it, and one without a take for a task without any. The
-        manifest has a task's events without a study log, with a remark, if nobody was tracked in it.
+        manifest has a task's events without a study log, with a remark, if no person was tracked in it.
 
     Raises:
         SettingsError: the study has no such participant, or polars is not installed.
@@ -183,7 +183,7 @@ def write_events(events: Sequence[StudyEvent], path: Path) -> None:
 
 
 def _without_results(run: TaskRun, take: str, session: SavedSession, base: Path) -> TaskLog:
-    """Write the events of a task during which nobody was tracked."""
+    """Write the events of a task without a tracked person."""
     file = _with(base, ".events.parquet")
     if file.exists():
         return TaskLog(run, take, 0, 0, empty=True)

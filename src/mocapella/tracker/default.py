@@ -72,7 +72,7 @@ from mocapella.tracker.people_views import followed
 from mocapella.tracker.protocol import SensorViews, TrackerReport, scene_at
 
 _APPROACH_EVERY_S: Final = 0.03
-"""Interval of the steps in which poses approach refined ones [s]."""
+"""Interval of the steps of poses towards refined ones [s]."""
 
 
 class DefaultTracker:
@@ -343,7 +343,7 @@ class DefaultTracker:
         return root.T_world_sensor if root.trusted else self._T_world_root, state.poses_from(self._root)
 
     def _approach_known_poses(self) -> None:
-        """Let the poses in use approach the calibration's, so that refinements let nobody who is shown jump.
+        """Let the poses in use approach the calibration's, so that refinements do not let shown people jump.
 
         They do so in steps, because each step changes all that is drawn.
         """

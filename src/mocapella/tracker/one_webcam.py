@@ -47,8 +47,10 @@ DEPTH_SD: Final = 0.15
 LEAST: Final = 0.3
 """Least confidence of a keypoint that is used."""
 MOST_PEOPLE: Final = 16
+"""Most detections of an image that are used."""
 TILT_SD_RAD: Final = math.radians(2.0)
 CAMERA_HEIGHT_SD_M: Final = 0.03
+"""Standard deviations of the camera's stated tilt [rad] and height [m]."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class OneWebcamSettings:
         field_of_view_deg: across the image's longer side, of a camera without a rig; larger: people are nearer [°].
         sd_px: standard deviation of a sure keypoint; larger: less certain places [px].
         size_s: time constant of a person's size; larger: steadier, and later right [s].
-        unseen_s: a person who is not seen is forgotten after this time; larger: people stay longer [s].
+        unseen_s: an unseen person is forgotten after this time; larger: people stay longer [s].
         same_within_m: people without an id of the detector are the same if they move less than this from image to
             image; larger: faster people keep their number, and close ones may exchange it [m].
 
@@ -304,13 +306,10 @@ def _person(number: int, positions: Any, states: Any, sd: Any) -> Person:
 @cache
 def _sources(name: str) -> NDArray[np.int64] | None:
     """Return for each of Halpe's joints the index of the joint of another topology at its place, -1 without one."""
-    if name == HALPE.name:
-        return np.arange(len(HALPE))
-    weights = topology(name).mappings.get(HALPE.name)
-    if weights is None:
+    own = topology(name)
+    if name != HALPE.name and HALPE.name not in own.mappings:
         return None
     found = np.full(len(HALPE), -1, np.int64)
-    for joint, terms in weights.items():
-        if len(terms) == 1:
-            found[joint] = next(iter(terms))
+    for joint, source in own.single_joints(HALPE.name).items():
+        found[joint] = source
     return found

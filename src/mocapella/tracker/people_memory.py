@@ -29,7 +29,7 @@ MOST_GUESS_SD_M: Final = 0.3
 """Largest value of it, about half the reach of a limb [m]."""
 UNSURE_SD: Final = 1.2
 """Standard deviation of a facing above which it does not decide which of the sensors is right: about that of two
-opposite ones, of which one is three times as likely [rad]."""
+opposite ones, one three times as likely as the other [rad]."""
 UNSURE_S: Final = 5.0
 """Time for which sensors must disagree without a decision until the person says so [s]."""
 

@@ -47,7 +47,7 @@ FAR_M: Final = 0.15
 APART_M: Final = 0.15
 """Least distance between the roots of two bodies at the start [m]."""
 SOON_S: Final = 0.5
-"""Time after the first frame up to which a person who appears is there from the start [s]."""
+"""Time after the first frame; people who appear within it are there from the start [s]."""
 RIG_FROM_Y_UP: Final = {
     "y": np.eye(3),
     "z": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
@@ -107,7 +107,7 @@ def people_joints(people: Trajectories, first_s: float, up: str = "y") -> dict[s
     Args:
         people: people with the keypoints of `halpe_26`, in a world with y up.
         first_s: time of the first frame that is tracked, on the keypoints' clock [s].
-        up: upward axis of the rig's world, in which the joints are returned: y, z or -y.
+        up: upward axis of the rig's world, the frame of the joints: y, z or -y.
     """
     names = [_landmark(name) for name in people.keypoints]
     turn = RIG_FROM_Y_UP[up]

@@ -328,7 +328,7 @@ def _condition(views: int) -> str:
 
 
 def _check_rig(rig: CameraRig) -> None:
-    """Raise `SettingsError` for a rig with which no distance can be measured."""
+    """Raise `SettingsError` for a rig that cannot measure distances."""
     fix = "a rig with two cameras at different places, by mocapella calibrate cameras"
     check(len(rig.cameras) >= 2, "rig", sorted(rig.cameras), fix)
     centres = np.array([inverse(one.T_camera_world)[:3, 3] for one in rig.cameras.values()])

@@ -14,9 +14,9 @@ from mocapella.model.scene import SensorPlace
 from mocapella.tracker.webcams_memory import CameraCounts
 
 PATIENCE_S: Final = 5.0
-"""Time without a person after which the reason is told [s]."""
+"""Time without a person before the reason is reported [s]."""
 SEES_PEOPLE: Final = 0.5
-"""Mean number of detections from which a camera sees people."""
+"""Least mean number of detections of a camera that sees people."""
 SMALLEST_PX: Final = 16.0
 """Size of people, the side of a square of their keypoints' area, below which they are too small [px]."""
 LEAST_AGREED: Final = 0.25
@@ -56,7 +56,7 @@ def problems(places: tuple[SensorPlace, ...], counts: CameraCounts) -> tuple[Sen
 
 
 def trouble(counts: CameraCounts, names: list[str], nobody_s: float) -> str:
-    """Return why nobody is tracked, with a remedy; empty if somebody is, or there is no reason for concern.
+    """Return why no person is tracked, with a remedy; empty if one is, or without a reason for concern.
 
     Args:
         counts: what the cameras saw.

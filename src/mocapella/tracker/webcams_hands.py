@@ -84,7 +84,7 @@ class OneHand:
         person: id of its person; −1 without a body.
         fits: fits by side: one where the side is known, else both.
         evidence: for a right hand, against a left one [squared standard deviations].
-        hits: number of instants in which two cameras agreed.
+        hits: number of instants when two cameras agreed.
         agreed_s: last time of such an instant [s]; −inf before the first.
         seen_s: last time that a camera saw it [s].
         hand: what the better fit found last; None before the first.

@@ -19,13 +19,13 @@ Bools = NDArray[np.bool_]
 LENGTH_SD_M: Final = 0.025
 """Standard deviation of a bone's length that a few instants measure [m]."""
 NEAR_M: Final = 0.7
-"""Distance within which a person who was lost a moment ago is found again [m]."""
+"""Distance within which a person lost a moment ago is found again [m]."""
 SPEED_M_S: Final = 2.0
-"""Speed of a person who is lost [m/s]."""
+"""Speed of a lost person [m/s]."""
 FAST_M_S: Final = 6.0
 """Largest speed of a person who returns [m/s]."""
 SOON_S: Final = 3.0
-"""Time in which a lost person is recognised by the place [s]."""
+"""Time within which a lost person is recognised by the place [s]."""
 
 
 LEAST_SINE: Final = 0.6
@@ -33,11 +33,11 @@ LEAST_SINE: Final = 0.6
 LEAST_JOINTS: Final = 6
 """Number of joints about which a third camera must agree to confirm a candidate."""
 MOST_REFUTED: Final = 0.6
-"""Number of cameras that look at a candidate and see nobody, relative to those that see one, from which it waits."""
+"""A candidate waits from this ratio of the cameras that miss it (running mean) to the cameras that see it."""
 
 
 class LostPerson(msgspec.Struct, frozen=True, eq=False):
-    """A person who was lost.
+    """A lost person.
 
     Attributes:
         id: number of the person.
@@ -115,7 +115,7 @@ class Identities:
             self._next += 1
 
     def _replaced(self, people: PeopleArrays, row: int, at_s: float, agreed: Bools) -> int:
-        """Return the row of a person who is hardly seen any more, and whom the candidate is; −1 for none."""
+        """Return the row of a person hardly seen any more who is the candidate; −1 for none."""
         best, found = math.inf, -1
         for other in np.flatnonzero((people.ids >= 0) & (people.cameras < 2)).tolist():
             if (agreed[row] & agreed[other]).any():  # one camera sees both
@@ -159,8 +159,8 @@ def ready(people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origin
     """Return the rows of candidates to confirm, in the order of their rows.
 
     Of a rig of three cameras or more, two confirm a candidate only if their rays cross at a large angle. Else they may
-    see two strangers on one line, or somebody far behind the place that the cameras surround. A candidate also waits
-    where nearly as many cameras look at its place and see nobody.
+    see two strangers on one line, or a person far behind the place that the cameras surround. A candidate also waits
+    where nearly as many cameras look at its place and see no person.
 
     Args:
         people: the people.

@@ -4,7 +4,7 @@
     assign     detections of each camera to people
     group      the other detections to new people
     correct    each body by its rays
-    keep       count agreement, drop who is gone and who is no person
+    keep       count agreement, drop absent and false people
 
 Common arguments:
 
@@ -49,21 +49,21 @@ Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
 
 FASTEST_M_S = 8.0
-"""Largest speed of a joint by which its rays are moved to their own times [m/s]."""
+"""Largest speed of a joint that moves its rays to their own times [m/s]."""
 AGREES = 0.3
-"""Robust weight from which a ray agrees with its body."""
+"""Least robust weight of a ray that agrees with its body."""
 MOST_VALUES = 300.0
 """Number of values after which running means forget."""
 TURN_WEIGHT = 0.15
 """Weight of an instant in the running mean of swapped detections."""
 MOST_TURNED = 0.6
-"""Share of swapped detections from which the person is swapped."""
+"""Share of swapped detections above which the person is swapped."""
 NEAR_M = 0.4
 """Distance that a person's place may be wrong [m]."""
 RUNNING_M_S = 3.0
 """Speed of a person whose distance one camera tells [m/s]."""
 REFUTED_S = 1.0
-"""A person whom at most one camera sees, where two others see nobody, is lost after this time [s]."""
+"""A person whom at most one camera sees, and two others should see, is lost after this time [s]."""
 REFUTED_WEIGHT = 0.2
 """Weight of an instant in the running means of whether a camera sees nobody."""
 MOST_REFUTING = 1.5
@@ -73,9 +73,9 @@ SURE_CAMERAS = 3
 LEAST_SURE = 3
 """Number of instants in which three cameras agree about a person, from which two suffice later on."""
 HIDDEN_SHARE = 0.3
-"""Share of a person's joints within another detection from which a camera may not see the person."""
+"""Share of a person's joints within another detection above which that may hide the person."""
 LEAST_SEEN_PX = 24.0
-"""Height of a person in an image from which a detector must see the person [px]."""
+"""Least height in an image of a person whom a detector must see [px]."""
 MISSED_INSTANTS_S = 0.25
 """A candidate that two cameras do not confirm for this long is dropped [s]."""
 
@@ -266,7 +266,7 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
 
 @njit(cache=True, error_model="numpy")
 def follow(people: PeopleArrays, p: int, at_s: float, before: Float64) -> None:
-    """Update the velocities by which the rays of the next instant are compared.
+    """Update the velocities for the comparison of the next instant's rays.
 
     Args:
         people: see the module.
@@ -367,7 +367,7 @@ def begin(
     model: Any, people: PeopleArrays, at_s: float, rays: Rays, cameras: CameraArrays, gates: KeypointGates,
     matches: Matches, agreed: Bools,
 ) -> int:  # fmt: skip
-    """Begin candidates from groups of detections that nobody explains; weak people's detections may be in a group, too.
+    """Begin candidates from groups of detections without a person; weak people's detections may be in a group, too.
 
     Args:
         model, people, rays, cameras, matches: see the module.
@@ -400,7 +400,7 @@ def begin(
     for g in range(groups):
         views, p = seen_by(g, group_of, rays.camera), 0
         if views == 2 and crossed(group_of, g, turned):
-            continue  # who is left and who is right is not known
+            continue  # the order of left and right is not known
         while p < len(people.ids) and people.ids[p] != NO_PERSON:
             p += 1
         if views < 2 or p == len(people.ids):
@@ -552,7 +552,7 @@ def count_unmatched(
     people: PeopleArrays, rays: Rays, cameras: CameraArrays, gates: KeypointGates, matches: Matches,
     counts: CameraCounts,
 ) -> None:  # fmt: skip
-    """Count against a camera that it sees somebody, but nobody whom the others see in its image.
+    """Count against a camera that it sees a person, but none of the people whom the others see in its image.
 
     Args:
         people, rays, cameras, matches: see the module.
@@ -621,7 +621,7 @@ def covered(image: Float64, pixels: Float64, confidences: Float64) -> float:
     Args:
         image: (26, 2) the person's joints [px]; NaN where not known.
         pixels: (26, 2) the detection's keypoints [px].
-        confidences: (26,) of the keypoints; those of 0 do not count.
+        confidences: (26,) of the keypoints; keypoints of 0 do not count.
     """
     left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
     for j in range(JOINTS):

@@ -19,7 +19,7 @@ MOST_PEOPLE: Final = 32
 NO_PERSON: Final = -1
 """Value of ``ids`` in a row that is not used."""
 CANDIDATE: Final = -2
-"""Value of ``ids`` in a row of a person who is not confirmed yet."""
+"""Value of ``ids`` in a row of an unconfirmed person."""
 
 
 class PeopleArrays(NamedTuple):
@@ -33,8 +33,8 @@ class PeopleArrays(NamedTuple):
         seen_s: (people,) last time that a camera saw the person [s].
         agreed_s: (people,) last time that two cameras agreed about the person [s].
         agreed_place: (people, 3) mean of the joints at that time, world [m].
-        hits: (people,) number of instants in which two cameras agreed.
-        doubts: (people,) number of instants in succession in which two cameras saw the person and did not agree.
+        hits: (people,) number of instants when two cameras agreed.
+        doubts: (people,) number of successive instants when two cameras saw the person and did not agree.
         turned: (people,) running mean of the share of the person's detections that are used with left and right
             swapped.
         sure: (people,) number of instants in which three cameras agreed.

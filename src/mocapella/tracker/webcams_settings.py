@@ -16,7 +16,7 @@ class WebcamsSettings:
     Attributes:
         association: assignment of detections to people, and new people.
         hands: hands, and their people.
-        confirm_instants: number of instants in which two cameras must agree before a person is shown; larger: fewer
+        confirm_instants: number of instants when two cameras must agree before a person is shown; larger: fewer
             phantoms, and people are shown later [count].
         sure_cameras: number of cameras whose agreement shows a person at once; larger: fewer phantoms, and people are
             shown later [count].

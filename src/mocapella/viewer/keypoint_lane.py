@@ -16,7 +16,7 @@ from mocapella.viewer.palette import Rgb
 Float64 = NDArray[np.float64]
 
 SURE: Final = 0.5
-"""Confidence from which a keypoint is drawn as seen; below it is faint and thin."""
+"""Least confidence of a keypoint that is drawn as seen; below it is faint and thin."""
 SHOWN: Final = 0.1
 """Confidence below which a keypoint is not drawn."""
 THICK: Final = 0.012
@@ -30,7 +30,7 @@ TALLEST: Final = 0.75
 def lane_people(frame: KeypointFrame, origin: Float64, colour: Rgb) -> tuple[Strokes, Strokes]:
     """Return the strokes of a webcam's lane: the image's border with the people's bones, and no balls.
 
-    Keypoints that are not seen, or outside of the image, have no bones; those of a low confidence are faint.
+    Keypoints that are not seen, or outside of the image, have no bones; keypoints of a low confidence are faint.
 
     Args:
         frame: the people in the camera's image.

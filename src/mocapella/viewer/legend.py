@@ -39,7 +39,7 @@ class Legend:
             perspective: a sensor's name, or `FREE`.
             people: whether skeletons of people are shown; without them there is no legend.
             obstacle: whether obstacles are shown.
-            views: whether anybody has views: what single sensors report.
+            views: whether a person has views: the reports of single sensors.
         """
         now = perspective, people, obstacle, views
         if now != self._shown:
@@ -54,7 +54,7 @@ def legend_html(perspective: str, *, obstacle: bool, views: bool = True) -> str:
     Args:
         perspective: a sensor's name, or `FREE`.
         obstacle: whether obstacles are shown.
-        views: whether anybody has views: what single sensors report.
+        views: whether a person has views: the reports of single sensors.
     """
     if perspective == FREE or not views:
         rows = [_row(FUSED, _THICK, "measured by at least one sensor" if views else "measured")]

@@ -133,8 +133,8 @@ def read_session_key(text: str, session: str, path: Path) -> SessionKey:
 def renew_session_key(session: str) -> SessionKey:
     """Make a new key for a session, in place of any earlier one in `session_file`.
 
-    A running server keeps the key with which it started. From its next start, it refuses every key that was given out
-    before, also those of single sensors.
+    A running server keeps its key of the start. From its next start, it refuses every key that was given out
+    before, also the keys of single sensors.
 
     Args:
         session: name of the session, as of `session_name`. A server admits only programs with a key of its session.

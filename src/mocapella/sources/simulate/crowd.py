@@ -51,6 +51,7 @@ _TRIES: Final = 100
 _APART: Final = 0.45
 """Distance of two walkers' roots that their routes are chosen to keep, if they can [m]."""
 CLOCK_OFFSET_S: Final = 500.0
+"""Largest offset of a camera's clock from the common one [s]."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class CrowdPerson:
         stature: height; larger: taller [m].
         tempo: factor of the speed of all movements; larger: quicker [ratio].
         lifeless: whether the body neither breathes nor sways, as a poster.
-        seen_by: names of the only cameras that see this body, which is then nobody who can be tracked; empty for all.
+        seen_by: names of the only cameras that see this body, which is then not to be tracked; empty for all.
         bvh: path of a BVH file with the motion; None for none.
 
     Raises:
@@ -151,7 +152,7 @@ class CrowdSettings:
 
     Attributes:
         name: name of the scene.
-        summary: what it shows.
+        summary: its content in one line.
         seconds: duration; larger: longer [s].
         people: the people in the room.
         ring: the cameras.
@@ -192,7 +193,7 @@ class CrowdScene:
     Attributes:
         settings: as given.
         rig: the cameras with their true poses.
-        room: what they look at.
+        room: the room in their view.
         cameras: the simulated cameras, in the order of the rig.
     """
 
@@ -387,7 +388,7 @@ def _nearest(a: Motion, b: Motion) -> float:
 
 
 def _held(motion: Motion, poses: int) -> Motion:
-    """The motion, and then its last pose until it has that many poses: nobody turns in an instant to begin again."""
+    """The motion, and then its last pose until it has that many poses: people do not turn in an instant."""
     index = np.minimum(np.arange(poses), len(motion) - 1)
     return Motion(motion.root[index], motion.directions[index], motion.lengths, motion.radii)
 

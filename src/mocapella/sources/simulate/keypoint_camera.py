@@ -46,7 +46,7 @@ Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 PHANTOM: Final = -1
-"""Number of a detection that is nobody who can be tracked: a false one, a bystander, a picture or a mirror image."""
+"""Number of a detection that is not to be tracked: a false one, a bystander, a picture or a mirror image."""
 _LOWER: Final = np.array([GROUPS[g] in ("hip", "knee", "ankle", "foot") for g in group_of()])
 _LEGS: Final = np.array([GROUPS[g] in ("knee", "ankle", "foot") for g in group_of()])
 _MIRROR: Final = np.array(HALPE.mirror)
@@ -103,7 +103,7 @@ class SimulatedKeypoints(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         frame: the frame.
-        at_ns: capture on the common clock, as it is known [ns].
+        at_ns: capture on the common clock, as the tracker knows it [ns].
         due_ns: arrival, room time [ns].
         room_ns: capture of the first row, room time [ns].
         people: (people,) numbers of the people that can be tracked.
@@ -129,7 +129,7 @@ class SeenRoom:
     """What cameras look at.
 
     Attributes:
-        motion: the motion of all bodies, those that only some cameras see included.
+        motion: the motion of all bodies, also of bodies that only some cameras see.
         numbers: (bodies,) number of the person, or `PHANTOM`.
         seen_by: (bodies,) names of the only cameras that see the body; empty for all.
         obstacles: what hides them, too.
@@ -172,7 +172,7 @@ class SimulatedKeypointCamera:
     """One camera of a room.
 
     Args:
-        room: what it looks at.
+        room: the room in its view.
         placed: its name, lens and true pose.
         settings: its timing and detector.
         seed: random seed of the scene.

@@ -26,7 +26,7 @@ from mocapella.sources.simulate.keypoint_body import GROUPS
 Float64 = NDArray[np.float64]
 
 CONFIDENCE_BINS: Final = (0.0, 0.3, 0.5, 0.7)
-"""Lower ends of the bins of confidence in which the errors are given."""
+"""Lower ends of the bins of confidence of the errors."""
 QUANTILES: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
 """Quantiles at which the confidences are given."""
 STATES: Final = ("visible", "hidden by the own body", "hidden by another")

@@ -20,7 +20,7 @@ SIMULATED: Final = "simulated:"
 """Prefix of a simulated camera's name: ``simulated:SCENE/CAMERA``."""
 DEFAULT_CROWD: Final = "two-walk"
 LEAST_S: Final = 45.0
-"""Least duration of a scene in which people wander, until it begins again [s]."""
+"""Least duration of a scene of wandering people, until it begins again [s]."""
 
 
 def shown_crowd(name: str, seed: int = 0) -> CrowdScene:

@@ -20,7 +20,7 @@ class ArmDirections(NamedTuple):
 
     Attributes:
         upper, fore: directions of the upper arm, and of forearm and hand.
-        thumb: direction to which the thumb points, besides along the forearm.
+        thumb: direction of the thumb, besides along the forearm.
         sides: the arms that have this pose.
         waves: whether the forearm waves about ``fore``, up and out.
     """
@@ -55,10 +55,10 @@ class BodyPosture:
     """A posture or an exercise in place, as deviation from standing.
 
     Attributes:
-        period_s: period in which the posture is assumed and left again; 0 holds it [s].
-        sink: distance by which the pelvis sinks, as a fraction of the legs' length.
-        back: distance by which the pelvis goes back, as a fraction of stature; negative: ahead.
-        lean: angle by which the trunk leans forward; negative: back [rad].
+        period_s: duration from one assumption of the posture to the next; 0 holds it [s].
+        sink: downward displacement of the pelvis, as a fraction of the legs' length.
+        back: backward displacement of the pelvis, as a fraction of stature; negative: ahead.
+        lean: forward lean of the trunk; negative: back [rad].
         arms: pose of the arms, a key of `ARM_POSES`; None lets them hang.
     """
 

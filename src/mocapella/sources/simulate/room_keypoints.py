@@ -3,7 +3,7 @@
     seen = RoomKeypoints(room_depth_scene("walk", seed=1), topology("coco_17"))
     frame = seen.at(2.5, "left", time_ns=2_500_000_001)
 
-The errors are a model, not those of any one detector: joints in view are seen with a standard deviation in proportion
+The errors are a model, not any one detector's: joints in view are seen with a standard deviation in proportion
 to the person's size in the image, joints behind something with less confidence and larger errors, and some are missed.
 """
 
@@ -88,12 +88,8 @@ class RoomKeypoints:
     ) -> None:
         self.scene, self.topology, self.errors = scene, own, errors or KeypointErrors()
         halpe = topology("halpe_26")
-        table = own.mappings.get(halpe.name, {})
-        self._names: list[tuple[int, str]] = [
-            (next(iter(terms)), halpe.joints[joint]) for joint, terms in table.items() if len(terms) == 1
-        ]
-        if own.name == halpe.name:
-            self._names = list(enumerate(halpe.joints))
+        single = own.single_joints(halpe.name)
+        self._names: list[tuple[int, str]] = [(source, halpe.joints[joint]) for joint, source in single.items()]
         if not self._names:
             raise SettingsError(f"topology {own.name} cannot be simulated: it has no mapping to {halpe.name}")
         self._key = zlib.crc32(f"{scene.room.name}/{scene.T_camera_world.tobytes().hex()}".encode()) + seed
