@@ -51,10 +51,17 @@ def test_films_become_a_take_with_people(films: Path) -> None:
     assert "walk.mcap" in again.stderr
 
 
-def test_what_films_need_is_named(films: Path) -> None:
-    (films / "rig.toml").rename(films / "other.toml")
+@pytest.mark.slow
+def test_films_without_a_rig_that_are_too_short_to_calibrate_are_refused(films: Path) -> None:
+    (films / "rig.toml").unlink()
     found = run_here(films, *people(films, "--out", "./walk"))
     assert (found.returncode, "calibrate cameras" in found.stderr) == (1, True)
+    assert "for half a minute" in found.stderr
+    assert not (films / "walk.mcap").exists()
+
+
+def test_what_films_need_is_named(films: Path) -> None:
+    (films / "rig.toml").rename(films / "other.toml")
     (films / "cam-0").rename(films / "roof")
     found = run_here(films, "people", "roof", "cam-1", "--rig", "other.toml", "--detector", NAME, "--out", "./walk")
     assert (found.returncode, "roof" in found.stderr) == (1, True)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_tracks import HALPE
+from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.geometry.alignment import cross_matrix
 from mocapella.geometry.lens_jacobian import project_with_jacobian
 from mocapella.geometry.twists import exp_twist, log_motion
@@ -190,15 +191,23 @@ def adjust_people(
     Returns:
         The minimum that was found; its residuals show whether it is good.
     """
+    return result_of(adjusting_people(views, start, prior, rounds))
+
+
+def adjusting_people(
+    views: KeypointViews, start: PeopleBundle, prior: BundlePrior, rounds: int = ROUNDS
+) -> Steps[AdjustedPeople]:
+    """Return the steps of `adjust_people`."""
     seen = _seen(views)
     unknown = 3 * int(seen.sum()) + int(prior.free.sum()) + start.log_lengths.size
     spare = min(0.9, unknown / (views.pixel.size + seen[:, :1].size * len(BONES)))
     bundle, sigma = start, _sigma(views, _residual(views, start), spare)
     for _ in range(rounds):
-        bundle = _descend(views, bundle, prior, sigma, seen)
+        bundle = yield from _descend(views, bundle, prior, sigma, seen)
         before, sigma = sigma, _sigma(views, _residual(views, bundle), spare)
         if abs(sigma - before) <= 0.01 * sigma:
             break
+    yield
     dispersion, covariance = _covariance(views, bundle, prior, sigma, seen)
     return AdjustedPeople(bundle, _residual(views, bundle), sigma, dispersion, covariance)
 
@@ -266,12 +275,16 @@ def _cost(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma:
     return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in focal) + pose
 
 
-def _descend(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> PeopleBundle:
+def _descend(
+    views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool
+) -> Steps[PeopleBundle]:
     """Run Levenberg–Marquardt at one noise level."""
     damping, cost = 1e-4, _cost(views, bundle, prior, sigma, seen)
     for _ in range(STEPS):
+        yield
         system = _equations(views, bundle, prior, sigma, seen)
         while damping < 1e8:
+            yield
             tried = _step(bundle, system, prior, damping)
             tried_cost = _cost(views, tried, prior, sigma, seen)
             if tried_cost <= cost:
@@ -430,11 +443,12 @@ def _covariance(
     """Return the dispersion and the covariance of the cameras' parameters.
 
     Dispersions are estimated for positions, directions, focal lengths and clocks: the mean square of the pulls of the
-    clusters, relative to what independent errors would do. The largest is returned.
+    clusters, relative to what independent errors would do. The largest is returned. Errors that last for the whole
+    recording are in no residual: `LASTING_PX` of them is assumed and propagated (`_lasting_pulls`).
     """
     cameras = len(bundle.lenses)
     system = _equations(views, bundle, prior, sigma, seen)
-    S, _, _ = _reduced(system, 0.0)
+    S, solved, _ = _reduced(system, 0.0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-30))
     inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     scores = np.zeros((int(views.cluster.max(initial=0)) + 1, len(S)))
@@ -455,10 +469,66 @@ def _covariance(
             squares = float(np.einsum("ki,ij,kj->", pulls[:, at], block, pulls[:, at]))
             spread.ravel()[at] = math.sqrt(max(1.0, squares / len(at)))
             dispersion = max(dispersion, squares / len(at))
-    mask = free.ravel()
-    covariance = np.where(mask[:, None] & mask, factor * inner * np.outer(spread, spread), 0.0)
+    mask, own = free.ravel(), slice(0, cameras * CAMERA)
+    lasting = _lasting_pulls(views, bundle, prior, sigma, solved) @ inverse[:, own]
+    total = factor * inner * np.outer(spread, spread) + lasting.T @ lasting
+    covariance = np.where(mask[:, None] & mask, total, 0.0)
     return dispersion, covariance.reshape(cameras, CAMERA, cameras, CAMERA)
 
 
+def _lasting_pulls(
+    views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, solved: Float64
+) -> Float64:
+    """Return the pulls (errors, g) on the parameters of errors that last, each of one standard deviation.
+
+    A detector shifts a joint by the same vector while it sees a person at one place from the same side: one error in x
+    and one in y for each camera, joint, person, place and eighth of a turn. People who walk about average them out, and
+    people who stay in one place do not.
+
+    Args:
+        solved: (bodies, 36, g) influence of the cameras and bones on the joints, see `_reduced`.
+    """
+    J, by_joint = _derivatives(views, bundle)
+    J = np.where(prior.free[views.camera][:, None, :], J, 0.0)
+    r2 = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
+    pull = LASTING_PX * views.sd / (1.0 + r2 / CAUCHY**2) / (views.sd * sigma) ** 2
+    size = solved.shape[-1]
+    joint_columns = 3 * views.joint[:, None] + np.arange(3)
+    reduced = -np.einsum("nki,nig->nkg", by_joint, solved[views.body[:, None], joint_columns])
+    columns = CAMERA * views.camera[:, None] + np.arange(CAMERA)
+    reduced[np.arange(len(J))[:, None, None], np.arange(2)[:, None], columns[:, None, :]] += J
+    keys = np.column_stack([views.camera, views.joint, views.person[views.body], _circumstances(views, bundle)])
+    _, of_error = np.unique(keys, axis=0, return_inverse=True)
+    pulls = np.zeros((int(of_error.max(initial=-1)) + 1, 2, size))
+    np.add.at(pulls, of_error.ravel(), reduced * pull[:, None, None])
+    return pulls.reshape(-1, size)
+
+
+def _circumstances(views: KeypointViews, bundle: PeopleBundle) -> Int64:
+    """Return (n, 4): the eighth of a turn from which a keypoint's camera sees the person, and the person's place."""
+    at = {name: USED.index(HALPE.index(name)) for name in ("LShoulder", "RShoulder", "LHip", "RHip")}
+    shoulders, hips = (bundle.joints[:, [at["L" + name], at["R" + name]]] for name in ("Shoulder", "Hip"))
+    left, right = (0.5 * (shoulders[:, k] + hips[:, k]) for k in range(2))
+    across, upward = left - right, (shoulders - hips).sum(axis=1)
+    middle = 0.5 * (left + right)
+    centres = -np.einsum("cji,cj->ci", bundle.T_camera_world[:, :3, :3], bundle.T_camera_world[:, :3, 3])
+    towards = centres[views.camera] - middle[views.body]
+    sideways, ahead = (
+        axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
+        for axis in (across, np.cross(across, upward))
+    )
+    x, z = (np.einsum("ni,ni->n", towards, axis[views.body]) for axis in (sideways, ahead))
+    side = np.floor(np.arctan2(x, z) / (2 * np.pi) * SIDES) % SIDES
+    cells = np.floor(middle / PLACE_M)[views.body]
+    return np.column_stack([side, cells]).astype(np.int64)
+
+
+SIDES: Final = 8
+"""Number of directions, seen from a person, within each of which a detector's lasting error is the same."""
+PLACE_M: Final = 0.5
+"""Size of a place within which it is the same [m]."""
+LASTING_PX: Final = 4.0
+"""Standard deviation of a lasting error of a keypoint of relative standard deviation 1 [px]: 1 % of the size of a
+person of 400 px, about what annotators of joints differ by (Lin et al., *COCO*, keypoint similarity)."""
 _KINDS: Final = ((0, 1, 2), (3, 4, 5), (FOCAL,), (CLOCK,))
 """Parameters of a camera whose dispersions are estimated together."""

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.geometry.essential import (
     POINTS,
     angles_between,
@@ -48,6 +49,8 @@ _KEPT: Final = 4
 """Number of hypotheses of a pair of tracks that are scored by all passages."""
 _REFINED: Final = 6
 """Number of hypotheses of a pair of cameras that are refined: the best ones."""
+_QUICK_AT_ONCE: Final = 20
+"""Number of hypotheses that are scored in one step."""
 _FEWEST: Final = 40
 """Least number of common points of two tracks, or of a matched passage."""
 
@@ -111,14 +114,29 @@ def find_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator)
         passages: (instants,) number of the passage of each instant.
         rng: random numbers of the samples.
     """
+    return result_of(finding_pair(a, b, passages, rng))
+
+
+def finding_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator) -> Steps[CameraPair | None]:
+    """Return the steps of `find_pair`."""
     common = _common(a, b, passages)
     if common is None:
         return None
-    candidates = [E for pair in _track_pairs(common) for E in _hypotheses(common, pair, rng)]
+    candidates = list[Float64]()
+    for pair in _track_pairs(common):
+        yield
+        candidates += _hypotheses(common, pair, rng)
     if not candidates:
         return None
-    scores = np.array([_quick(common, E) for E in candidates])
-    found = [_refined(common, candidates[k]) for k in np.argsort(-scores, kind="stable")[:_REFINED]]
+    scores = np.zeros(len(candidates))
+    for k, E in enumerate(candidates):
+        if k % _QUICK_AT_ONCE == 0:
+            yield
+        scores[k] = _quick(common, E)
+    found = list[CameraPair]()
+    for k in np.argsort(-scores, kind="stable")[:_REFINED]:
+        yield
+        found.append((yield from _refined(common, candidates[k])))
     best = max(found, key=lambda pair: pair.score)
     return best if best.score > 0 else None
 
@@ -217,13 +235,14 @@ def _points_of(common: _Common, groups: list[int]) -> Int64:
     return np.concatenate([np.arange(common.begins[k], common.begins[k] + common.counts[k]) for k in groups])
 
 
-def _refined(common: _Common, E: Float64) -> CameraPair:
+def _refined(common: _Common, E: Float64) -> Steps[CameraPair]:
     _, groups = _matched(common, E)
     points = _points_of(common, groups)
     if len(points) < _FEWEST:
         return CameraPair(np.eye(4), 0.0, 0.0, 0.0, {})
     T = best_pose(E, common.a[points], common.b[points])[0]
     for _ in range(2):
+        yield
         T = refine_pose(T, common.a[points], common.b[points], SCALE / 2)
         points = _points_of(common, _matched(common, essential_of(T))[1])
         if len(points) < _FEWEST:

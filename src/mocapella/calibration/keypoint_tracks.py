@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -142,6 +142,29 @@ class CameraTracks:
                 del values[:first]
         self._open = [track for track in self._open if track.at_s]
         self.first_s = max(self.first_s, before_s)
+
+    def memory(self) -> dict[str, Any]:
+        """Return all state as plain values and arrays, copied, for `recalled`."""
+        lists = [[[t.id, np.array(t.at_s), np.array(t.pixels), np.array(t.sizes)] for t in of] for of in self._all]
+        return {
+            "name": self.name, "size_px": self.size_px, "frames": self.frames, "first_s": self.first_s,
+            "last_s": self.last_s, "tracks": lists,
+        }  # fmt: skip
+
+    @property
+    def _all(self) -> tuple[list[_Open], list[_Open]]:
+        return self._closed, self._open
+
+    @classmethod
+    def recalled(cls, memory: dict[str, Any]) -> CameraTracks:
+        """Return tracks with the state that `memory` returned."""
+        made = cls(str(memory["name"]), (int(memory["size_px"][0]), int(memory["size_px"][1])))
+        made.frames, made.first_s, made.last_s = int(memory["frames"]), memory["first_s"], memory["last_s"]
+        made._closed, made._open = (
+            [_Open(int(i), at.tolist(), list(pixels), sizes.tolist()) for i, at, pixels, sizes in of]
+            for of in memory["tracks"]
+        )
+        return made
 
     def tracks(self, shortest_s: float = 0.5) -> list[PersonTrack]:
         """Return all tracks that last for ``shortest_s`` or longer, in the order of their beginnings."""

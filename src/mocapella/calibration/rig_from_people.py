@@ -29,12 +29,13 @@ from mocapella.calibration.keypoint_bundle import (
     BundlePrior,
     KeypointViews,
     PeopleBundle,
-    adjust_people,
+    adjusting_people,
 )
-from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, find_pair, rescored
+from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, finding_pair, rescored
 from mocapella.calibration.keypoint_people import PersonPassage, join_people
 from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
 from mocapella.calibration.keypoint_tracks import HALPE, CameraTracks, PersonTrack, at_instants
+from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.errors import CalibrationError
 from mocapella.geometry.lens import undistort
 from mocapella.geometry.rigid import inverse
@@ -160,6 +161,16 @@ def solve_people(
     Raises:
         CalibrationError: the people do not determine the cameras; says which, why, and what to do.
     """
+    return result_of(solving_people(tracks, known, settings, progress))
+
+
+def solving_people(
+    tracks: Mapping[str, CameraTracks],
+    known: Mapping[str, Camera] | None = None,
+    settings: RigFromPeopleSettings | None = None,
+    progress: Progress = lambda _text: None,
+) -> Steps[PeopleSolution]:
+    """Return the steps of `solve_people`; it reads the tracks in the first."""
     s, known = settings or RigFromPeopleSettings(), known or {}
     data = _data(tracks, s)
     _check_sizes(data, known)
@@ -167,17 +178,17 @@ def solve_people(
     lens_known = np.array([name in known for name in data.names])
     clocks = np.zeros(len(data.names))
     progress("comparing pairs of cameras …")
-    pairs = _pairs(data, lenses, clocks, s)
+    pairs = yield from _pairs(data, lenses, clocks, s)
     if s.clock_search_s > 0:
         progress("searching the clocks …")
-        clocks = _searched_clocks(data, lenses, pairs, s)
-        pairs = _pairs(data, lenses, clocks, s)
+        clocks = yield from _searched_clocks(data, lenses, pairs, s)
+        pairs = yield from _pairs(data, lenses, clocks, s)
     _check_pairs(data, pairs)
     progress("adjusting the cameras …")
     poses = _tree(data, lenses, clocks, pairs)
     rough = data.thinned(max(1, len(data.at_s) // _ROUGH_INSTANTS))
-    solution = _solution(rough, _Start(poses, lenses, clocks, lens_known), pairs)
-    solution = _again(data, solution)
+    solution = yield from _solution(rough, _Start(poses, lenses, clocks, lens_known), pairs)
+    solution = yield from _again(data, solution)
     _check_solution(solution)
     return solution
 
@@ -246,11 +257,12 @@ def _lens(name: str, size_px: tuple[int, int], known: Mapping[str, Camera]) -> F
 
 def _pairs(
     data: _Data, lenses: Float64, clocks: Float64, s: RigFromPeopleSettings
-) -> dict[tuple[int, int], CameraPair]:
+) -> Steps[dict[tuple[int, int], CameraPair]]:
     directions = _directions(data, lenses, clocks)
     found = {}
     for a, b in combinations(range(len(data.names)), 2):
-        pair = find_pair(directions[a], directions[b], data.passages, np.random.default_rng([s.seed, a, b]))
+        rng = np.random.default_rng([s.seed, a, b])
+        pair = yield from finding_pair(directions[a], directions[b], data.passages, rng)
         if pair is not None and pair.score >= s.least_score and pair.share >= s.least_share:
             found[a, b] = pair
     return found
@@ -262,7 +274,7 @@ def _directions(data: _Data, lenses: Float64, clocks: Float64) -> list[Float64]:
 
 def _searched_clocks(
     data: _Data, lenses: Float64, pairs: Mapping[tuple[int, int], CameraPair], s: RigFromPeopleSettings
-) -> Float64:
+) -> Steps[Float64]:
     """Return the clocks at which pairs of cameras agree best, from a coarse grid, along a tree from the first."""
     steps = max(1, round(s.clock_search_s / _CLOCK_STEP_S))
     offsets = np.arange(-steps, steps + 1) * _CLOCK_STEP_S
@@ -273,7 +285,7 @@ def _searched_clocks(
         best: tuple[CameraPair, float] | None = None
         for offset in offsets:
             second = undistort(data.sampled(b, float(offset)).pixels, lenses[b])
-            pair = find_pair(first, second, data.passages, np.random.default_rng([s.seed, a, b]))
+            pair = yield from finding_pair(first, second, data.passages, np.random.default_rng([s.seed, a, b]))
             if pair is not None and (best is None or pair.score > best[0].score):
                 best = pair, float(offset)
         if best is not None:
@@ -330,16 +342,19 @@ def _tree(data: _Data, lenses: Float64, clocks: Float64, pairs: Mapping[tuple[in
 
 def _solution(
     data: _Data, start: _Start, pairs: Mapping[tuple[int, int], CameraPair], *, complete: bool = False
-) -> PeopleSolution:
+) -> Steps[PeopleSolution]:
     """Adjust everything; the tracks are interpolated again by the clocks until these settle."""
     sightings = join_people(pairs)
     clocks, T, lenses = start.clocks_s.copy(), start.T_camera_world, start.lenses
     before: PeopleBundle | None = None
     for turn in range(_TURNS):
+        yield
         views, at_s = _views(data, sightings, clocks)
         views, bundle = _bundle(views, T, lenses, before)
         settling = turn + 1 < _TURNS
-        adjusted = adjust_people(views, bundle, _prior(data, start, clocks, lenses), rounds=1 if settling else 2)
+        adjusted = yield from adjusting_people(
+            views, bundle, _prior(data, start, clocks, lenses), rounds=1 if settling else 2
+        )
         before = adjusted.bundle
         T, lenses, moved = before.T_camera_world, before.lenses, before.clocks_s
         if np.abs(moved).max() < _SETTLED_S and turn:
@@ -384,17 +399,19 @@ _SETTLED_S: Final = 0.001
 """Change of the clocks below which the tracks are not interpolated again [s]."""
 
 
-def _again(data: _Data, found: PeopleSolution) -> PeopleSolution:
+def _again(data: _Data, found: PeopleSolution) -> Steps[PeopleSolution]:
     """Match the people of all pairs of cameras by the adjusted cameras, and adjust again."""
     bundle, clocks = found.adjusted.bundle, found.clocks_s
     directions = _directions(data, bundle.lenses, clocks)
     pairs = {}
     for a, b in combinations(range(len(data.names)), 2):
+        yield
         T_b_a = bundle.T_camera_world[b] @ inverse(bundle.T_camera_world[a])
         pair = rescored(T_b_a, directions[a], directions[b], data.passages)
         if pair is not None and pair.score > 0:
             pairs[a, b] = pair
-    return _solution(data, _Start(bundle.T_camera_world, bundle.lenses, clocks, found.lens_known), pairs, complete=True)
+    start = _Start(bundle.T_camera_world, bundle.lenses, clocks, found.lens_known)
+    return (yield from _solution(data, start, pairs, complete=True))
 
 
 def _views(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64) -> tuple[KeypointViews, Float64]:

@@ -1,4 +1,4 @@
-"""``mocapella people``: detect people in films of calibrated cameras, and track them in 3D."""
+"""``mocapella people``: detect people in films, and track them in 3D; without a rig they calibrate the cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ from mocapella.cli.common import (
 )
 from mocapella.cli.node_keypoints import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.pictures import Fps
-from mocapella.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from mocapella.sources.video_set import VideoSet
     from mocapella.tracker.protocol import Tracker
 
+DEFAULT_RIG = Path("rig.toml")
 METHOD = "webcams"
 ALONE = "one-webcam"
 """Method of a single film."""
@@ -73,7 +73,14 @@ def people(
     out: Annotated[
         str, typer.Option("--out", metavar="FILE", help="Take to write: a name in the folder takes, or a path.")
     ],
-    rig: Annotated[Path | None, typer.Option("--rig", metavar="FILE", help=f"{RIG_HELP} By default rig.toml.")] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            "--rig",
+            metavar="FILE",
+            help=f"{RIG_HELP} By default rig.toml; without it, the people calibrate the cameras.",
+        ),
+    ] = None,
     detector: KeypointDetectorName = None,
     model: ModelFile = None,
     up: Annotated[str, typer.Option("--up", metavar="AXIS", help=UP_HELP)] = "y",
@@ -83,25 +90,28 @@ def people(
     settings: Annotated[list[str] | None, set_option(FilmKeys, _people_keys)] = None,
     json: JsonOut = None,
 ) -> None:
-    """Track people in films of two or more calibrated cameras: detect keypoints, and write a take with people in 3D.
+    """Track people in films of two or more cameras: detect keypoints, and write a take with people in 3D.
 
     The films begin at the same instant. `mocapella replay`, `export` and `view` take the result; replay uses its
-    keypoints again, with other settings as well. A single film needs no rig: --set height_m=1.75 tells how tall people
-    are, and all distances are inferred. docs/webcams.md.
+    keypoints again, with other settings as well. Without a rig, the people who walk about in the films calibrate the
+    cameras first. --set height_m=1.75 then tells how tall people are. In a single film, all distances are inferred.
+    docs/webcams.md.
 
     Example:  mocapella people left.mp4 right.mp4 --rig rig.toml --out walk-1
     """
     need_cameras("people")
     from mocapella.library.calibration import named_inputs
     from mocapella.library.keypoint_tracking import rig_with_y_up
+    from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.sources.video import parse_frames
     from mocapella.sources.video_set import VideoSet
 
     keys, own = read_settings(FilmKeys, settings_file, settings)
     paths = {name: Path(path) for name, path in named_inputs(films).items()}
     method = METHOD if len(paths) > 1 else ALONE
+    unknown = rig is None and (method == ALONE or not DEFAULT_RIG.exists())
     of_method = _settings_of_method(method, own)
-    known = _unknown_lens(paths, of_method) if method == ALONE and rig is None else rig_with_y_up(_rig(rig), up)
+    known = _unknown_lenses(paths, of_method) if unknown else rig_with_y_up(load_camera_rig(rig or DEFAULT_RIG), up)
     shown = VideoSet(paths, known, frames=parse_frames(frames), rate_hz=fps, other_size=keys.other_size)
     for note in shown.notes:
         say(note)
@@ -110,7 +120,10 @@ def people(
     finds = {name: opened_detector("people", detector, model, own) for name in shown.rig.cameras}
     path = record_file(out)  # before a compilation of minutes
     get_ready(method, status=INTERRUPTED)
-    counts, whole = _track(path, shown, finds, method, of_method)
+    if unknown and method == METHOD:
+        counts, whole = _calibrate_and_track(path, shown, finds, of_method)
+    else:
+        counts, whole = _track(path, shown, finds, method, of_method)
     write_json(json, {"take": str(path), "whole": whole, **msgspec.to_builtins(counts)})
     _tell(counts, path)
     if not whole:
@@ -126,20 +139,8 @@ def _settings_of_method(method: str, own: dict[str, Any]) -> dict[str, Any]:
     return {name: own.pop(name) for name in list(own) if name.split(".", 1)[0] in names}
 
 
-def _rig(path: Path | None) -> Any:
-    from mocapella.model.camera_rig_file import load_camera_rig
-
-    wanted = path or Path("rig.toml")
-    if path is None and not wanted.exists():
-        raise InputError(
-            "the cameras' poses are unknown", field="--rig",
-            fix="make a rig: mocapella calibrate cameras (a printed board) or calibrate people (none); docs/webcams.md",
-        )  # fmt: skip
-    return load_camera_rig(wanted)
-
-
-def _unknown_lens(paths: Mapping[str, Path], settings: Mapping[str, Any]) -> Any:
-    """Return a rig of one film whose camera was never calibrated; its field of view is a setting of the method."""
+def _unknown_lenses(paths: Mapping[str, Path], settings: Mapping[str, Any]) -> Any:
+    """Return a rig of films whose cameras were never calibrated: image sizes, and lenses of a typical field of view."""
     import math
 
     import numpy as np
@@ -150,11 +151,44 @@ def _unknown_lens(paths: Mapping[str, Path], settings: Mapping[str, Any]) -> Any
     from mocapella.sources.video_set import probe
     from mocapella.tracker.one_webcam import OneWebcamSettings
 
-    view = math.radians(parse(OneWebcamSettings, settings, where=f"settings of {ALONE}").field_of_view_deg)
-    ((name, path),) = paths.items()
-    size_px = probe(path).size_px
-    camera = Camera(name, size_px, camera_of_view(size_px, view))
-    return CameraRig({name: PlacedCamera(camera, np.eye(4), np.full((6, 6), np.nan))})
+    of_one = settings if len(paths) == 1 else {}
+    view = math.radians(parse(OneWebcamSettings, of_one, where=f"settings of {ALONE}").field_of_view_deg)
+    placed = {}
+    for name, path in paths.items():
+        size_px = probe(path).size_px
+        camera = Camera(name, size_px, camera_of_view(size_px, view))
+        placed[name] = PlacedCamera(camera, np.eye(4), np.full((6, 6), np.nan))
+    return CameraRig(placed)
+
+
+def _calibrate_and_track(
+    path: Path, shown: VideoSet, finds: Mapping[str, Any], settings: Mapping[str, Any]
+) -> tuple[FilmCounts, bool]:
+    """Calibrate from all people in the films, then track them; return the counts, and whether it was to the end."""
+    from rich.console import Console
+
+    from mocapella.cli.calibrate_people import show
+    from mocapella.library.film_calibration import calibrate_films, track_films
+    from mocapella.live.film_people import detect_in_films
+    from mocapella.live.signals import stop_on_signals
+
+    done = 0
+    with stop_on_signals() as stop, console.status("detecting …") as status:
+
+        def on_instant() -> bool:
+            nonlocal done
+            done += 1
+            status.update(f"detecting, instant {done} of {shown.count or 'many'}")
+            return not stop.is_set()
+
+        frames = detect_in_films(shown, finds, on_instant)
+        found = calibrate_films(frames, settings, status.update)
+        show(found, Console(stderr=True, highlight=False))
+        for note in found.notes:
+            say(note)
+        say(f"the people calibrated {len(found.rig.cameras)} cameras, {'good' if found.good else 'not good yet'}")
+        counts = track_films(frames, found, path, settings, status.update)
+        return counts, not stop.is_set()
 
 
 def _track(

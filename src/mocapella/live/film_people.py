@@ -139,6 +139,29 @@ class FilmPeople:
         )
 
 
+def detect_in_films(
+    films: Iterable[FrameSet], detectors: Mapping[str, PeopleDetector], shown: Callable[[], bool] = lambda: True
+) -> dict[str, list[KeypointFrame]]:
+    """Return the keypoint frames of films, by camera.
+
+    Args:
+        films: an image of each camera for each instant.
+        detectors: a detector for each camera, by name.
+        shown: called after each instant; False ends the detection.
+    """
+    found: dict[str, list[KeypointFrame]] = {name: [] for name in detectors}
+    for one in films:
+        at_ns = one.time_ns + 1  # a time of 0 is unknown
+        for name, image in one.images.items():
+            finds = detectors[name]
+            seen = finds.update(image, at_ns / NS_PER_S, None)
+            made = frame_of(seen, finds.topology, name, at_ns, (image.shape[1], image.shape[0]))
+            found[name].append(msgspec.structs.replace(made, node_id=FILM_NODE, sequence=len(found[name])))
+        if not shown():
+            break
+    return found
+
+
 def expected_regions(scene: Scene, placed: PlacedCamera) -> Float32:
     """Return the boxes (people, 4) left, top, right, bottom of a scene's people in a camera's image [px].
 

@@ -1,4 +1,6 @@
-"""The method ``webcams``: track people and hands in 3D with several calibrated cameras, from keypoints in their images.
+"""The method ``webcams``: track people and hands in 3D with several cameras, from keypoints in their images.
+
+Without a rig, the cameras are calibrated from the people first (`webcams_calibration`).
 
     instants = collect(frames)                 one frame of each camera
     people   = predict(people)
@@ -41,7 +43,9 @@ from mocapella.tracker.instants import MEMORY as INSTANTS_MEMORY
 from mocapella.tracker.instants import MOST_DETECTIONS, CameraInstant, InstantFrame, Instants, most_confident
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
-from mocapella.tracker.webcams_conditions import place_of, problems, trouble
+from mocapella.tracker.webcams_calibration import ANEW, SelfCalibration
+from mocapella.tracker.webcams_calibration import REMEMBERED as CALIBRATION_REMEMBERED
+from mocapella.tracker.webcams_conditions import disagreeing, place_of, problems, trouble
 from mocapella.tracker.webcams_hands import KINDS as HAND_KINDS
 from mocapella.tracker.webcams_hands import WebcamsHands
 from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
@@ -63,17 +67,20 @@ class WebcamsTracker:
 
     Args:
         rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
+            None: the cameras calibrate themselves while people walk about.
         settings: settings of every stage; the defaults if None.
-        sensors_expected: number of cameras to wait for, limited to the number in the rig.
+        sensors_expected: number of cameras to wait for, at least two, limited to the number in a given rig.
 
     Attributes:
-        rig: the rig.
+        rig: the rig in use; without cameras as long as they are not calibrated.
 
     Raises:
         SettingsError: the rig has fewer than two cameras, or all are at one place.
     """
 
-    def __init__(self, rig: CameraRig, settings: WebcamsSettings | None = None, *, sensors_expected: int = 2) -> None:
+    def __init__(
+        self, rig: CameraRig | None = None, settings: WebcamsSettings | None = None, *, sensors_expected: int = 2
+    ) -> None:
         self.settings = s = settings or WebcamsSettings()
         self._wanted = sensors_expected
         model = ray_model()
@@ -84,19 +91,25 @@ class WebcamsTracker:
             float(s.one_camera_s), float(s.unseen_s), int(s.doubtful_instants), float(s.same_within_m),
             float(s.measured_sd_m), float(s.measured_s), float(s.slow_error_s),
         )  # fmt: skip
-        self._instants = Instants(s.silent_after_s, len(rig.cameras))
         self._identities = Identities(s)
-        self._set_rig(rig)
-        self._hands = WebcamsHands(s, rig)
+        self._hands = WebcamsHands(s)
+        self._own = SelfCalibration(s, max(self._wanted, 2)) if rig is None else None
+        self._names: list[str] = []
+        if rig is not None:
+            self._set_rig(rig)
         self.reset()
 
     def _set_rig(self, rig: CameraRig) -> None:
         _check_rig(rig)
-        self.rig = rig
-        self._names = sorted(rig.cameras)
-        self._column = {name: i for i, name in enumerate(self._names)}
-        self._sensors_expected = min(max(self._wanted, 2), len(self._names))
-        placed = [rig.cameras[name] for name in self._names]
+        names = sorted(rig.cameras)
+        if names != self._names:
+            self._instants = Instants(self.settings.silent_after_s, len(names))
+        self.rig, self._names = rig, names
+        self._hands.set_rig(rig)
+        self._column = {name: i for i, name in enumerate(names)}
+        self._sensors_expected = min(max(self._wanted, 2), len(names))
+        placed = [rig.cameras[name] for name in names]
+        self._clocks_s = [0.0 if self._own is None else one.clock_s for one in placed]
         poses = [inverse(one.T_camera_world) for one in placed]
         self._cameras = CameraArrays(
             np.array([one.camera.lens for one in placed], dtype=np.float64),
@@ -106,9 +119,31 @@ class WebcamsTracker:
             np.array([one.camera.size_px for one in placed], dtype=np.float64),
         )
         self._places = tuple(place_of(one) for one in placed)
+        if self._own is not None:
+            self._places = self._own.places(self._places)
+
+    def _set_no_rig(self) -> None:
+        """Wait for the cameras' own calibration."""
+        self.rig, self._names, self._column, self._places = CameraRig({}), [], {}, ()
+        self._sensors_expected = max(self._wanted, 2)
+        self._instants = Instants(self.settings.silent_after_s, self._sensors_expected)
+
+    def _use_own_rig(self, rig: CameraRig, *, small: bool) -> None:
+        """Use a rig of the cameras' own calibration; people keep their numbers, and their places after a small step."""
+        names = self._names
+        self._set_rig(rig)
+        if not small or self._names != names:
+            self._instants.reset()
+            self._identities.forget_people()
+            self._hands.forget_hands()
+            self._forget_people()
+            self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected)
+        self._counts = no_counts(len(self._names))
 
     def use_rig(self, rig: CameraRig, reason: str) -> None:
         """Replace the rig, such as by a newer calibration; people are found anew, with new numbers.
+
+        A tracker whose cameras calibrate themselves uses the rig from now on, and calibrates no more.
 
         Args:
             rig: the new rig.
@@ -117,12 +152,16 @@ class WebcamsTracker:
         Raises:
             SettingsError: the rig has fewer than two cameras, or all are at one place.
         """
+        _check_rig(rig)
+        self._own = None
         self._set_rig(rig)
-        self._hands.set_rig(rig)
         self.recalibrate(reason)
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
+        if self._own is not None:
+            self._own.reset()
+            self._set_no_rig()
         self._instants.reset()
         self._identities.reset()
         self._hands.reset()
@@ -142,9 +181,12 @@ class WebcamsTracker:
     def recalibrate(self, reason: str) -> None:
         """Forget all people, and find them anew; the rig, the numbers given so far and the counts of `report` stay.
 
-        The tracker's state becomes `Phase.WAITING_FOR_SENSORS`, and has ``reason``, a text for the user, until enough
-        cameras send keypoints.
+        Cameras that calibrate themselves forget their rig, and begin anew. The tracker's state becomes
+        `Phase.WAITING_FOR_SENSORS`, and has ``reason``, a text for the user, until enough cameras send keypoints.
         """
+        if self._own is not None:
+            self._own.reset()
+            self._set_no_rig()
         self._instants.reset()
         self._identities.forget_people()
         self._hands.forget_hands()
@@ -155,7 +197,8 @@ class WebcamsTracker:
         """Return all state as bytes, for `restore`: a tracker made with the same arguments continues identically."""
         own = {name: getattr(self, name) for name in _OWN_MEMORY}
         people, counts = self._people._asdict(), self._counts._asdict()
-        parts = [self._instants.memory(), self._identities.memory(), self._hands.memory()]
+        calibration = None if self._own is None else [self._own.memory(), self.rig]
+        parts = [self._instants.memory(), self._identities.memory(), self._hands.memory(), calibration]
         return pack([own, people, counts, *parts], _REMEMBERED)
 
     @recalls
@@ -165,7 +208,15 @@ class WebcamsTracker:
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
-        own, people, counts, instants, identities, hands = unpack(data, _REMEMBERED)
+        own, people, counts, instants, identities, hands, calibration = unpack(data, _REMEMBERED)
+        if (calibration is None) != (self._own is None):
+            raise WireError("the snapshot and this tracker differ in whether a rig is given")
+        if self._own is not None:
+            self._own.recall(calibration[0])
+            if calibration[1].cameras:
+                self._set_rig(calibration[1])
+            else:
+                self._set_no_rig()
         self._scene_of = None
         self._people = _arrays_like(no_people(self._row, len(self._names)), people)
         self._counts = _arrays_like(no_counts(len(self._names)), counts)
@@ -176,8 +227,10 @@ class WebcamsTracker:
 
     @property
     def report(self) -> TrackerReport:
-        """Counts of all frames so far; calibrations and restarts are not counted and always 0."""
-        return TrackerReport(self._steps, self._steps - self._rejected.total(), dict(self._rejected), 0, 0)
+        """Counts of all frames so far, and of the cameras' own calibrations."""
+        kept = self._steps - self._rejected.total()
+        counted = (0, 0) if self._own is None else (self._own.calibrations, self._own.restarts)
+        return TrackerReport(self._steps, kept, dict(self._rejected), *counted)
 
     def update(self, arrival: Arrival) -> Scene:
         """Process a camera's keypoints, and return the scene: the people at the time of the arrival.
@@ -190,7 +243,9 @@ class WebcamsTracker:
             self._rejected[problem] += 1
         else:
             self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
-            done = self._instants.update(frame, arrival.at_ns)
+            self._calibrate(frame, arrival.at_ns)
+            known = frame.sensor in self._column
+            done = self._instants.update(frame, arrival.at_ns) if known else []
             for instant in done:
                 self._track(instant)
             if done or self._state.phase != Phase.TRACKING:
@@ -199,11 +254,22 @@ class WebcamsTracker:
         if self._scene_of is None or self._scene_of[0] != arrival.at_ns:
             people = self._shown(arrival.at_ns / NS_PER_S)
             hands = self._hands.shown(arrival.at_ns / NS_PER_S)
-            self._scene_of = (arrival.at_ns, people, hands, problems(self._places, self._counts))
+            remedy = "calibrate again" if self._own is None else ANEW
+            self._scene_of = (arrival.at_ns, people, hands, problems(self._places, self._counts, remedy))
         step, self._steps = self._steps, self._steps + 1
         _, people, hands, sensors = self._scene_of
         halpe = topology("halpe_26")
         return scene_at(arrival, step, self._state, {"people": people, "hands": hands}, topology=halpe, sensors=sensors)
+
+    def _calibrate(self, frame: KeypointFrame, at_ns: int) -> None:
+        """Give a frame to the cameras' own calibration, if there is no given rig."""
+        if self._own is None or _sources(frame.topology.name) is None:
+            return
+        if self._names and disagreeing(self._counts).any():
+            self._own.begin_anew()
+        new = self._own.update(frame, at_ns / NS_PER_S)
+        if new is not None:
+            self._use_own_rig(new.rig, small=new.small)
 
     def _problem(self, frame: SensorFrame, at_ns: int) -> str:
         """Return why a frame is rejected, with a remedy; empty if it is used."""
@@ -222,13 +288,15 @@ class WebcamsTracker:
     def _foreign(self, frame: KeypointFrame) -> str:
         """Return why a frame does not belong to the rig, or has keypoints that are not known; empty if it does."""
         if frame.sensor not in self.rig.cameras:
+            if self._own is not None:
+                return _unmapped(frame)
             return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.size_px != size:
             own = f"{frame.size_px[0]} × {frame.size_px[1]}"
             return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
-        if _sources(frame.topology.name) is None and not hand_sources(frame.topology.name):
-            return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
+        if problem := _unmapped(frame):
+            return problem
         return ""
 
     def _track(self, instant: CameraInstant) -> None:
@@ -282,7 +350,7 @@ class WebcamsTracker:
             rays.confidences[first:last] = np.where(sure >= least, sure, 0.0)
             pixels[first:last] = frame.positions_px[chosen][:, sources]
             rays.camera[first:last] = column
-            rays.after_s[first:last] = (one.at_ns - instant.at_ns) / NS_PER_S
+            rays.after_s[first:last] = (one.at_ns - instant.at_ns) / NS_PER_S - self._clocks_s[column]
             readout_s = self.rig.cameras[name].camera.readout_s
             if readout_s > 0.0:
                 rows = _middle_row(pixels[first:last], rays.confidences[first:last])
@@ -291,11 +359,14 @@ class WebcamsTracker:
         return pixels, rays, delivered
 
     def _new_state(self) -> TrackerState:
+        if self._own is not None and not self._names:
+            return self._own.state(self._sensors_expected, self._state.reason)
         missing = self._sensors_expected - len(self._instants.active())
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
         since_s = self._began_s if math.isnan(self._shown_s) else self._shown_s
-        return TrackerState(Phase.TRACKING, reason=trouble(self._counts, self._names, self._at_s - since_s))
+        reason = trouble(self._counts, self._names, self._at_s - since_s)
+        return TrackerState(Phase.TRACKING, reason=reason or ("" if self._own is None else self._own.advice))
 
     def _shown(self, at_s: float) -> tuple[Person, ...]:
         """Return the confirmed people at a time, in the order of their numbers."""
@@ -319,6 +390,13 @@ class WebcamsTracker:
             Person(number, positions[k], states[k], (), sds[k], "", _condition(views[k]) if alone[k] else "")
             for k, number in enumerate(numbers)
         )
+
+
+def _unmapped(frame: KeypointFrame) -> str:
+    """Return why a frame has keypoints of neither people nor hands; empty if it has."""
+    if _sources(frame.topology.name) is not None or hand_sources(frame.topology.name):
+        return ""
+    return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
 
 
 def _condition(views: int) -> str:
@@ -366,4 +444,6 @@ def _kernels() -> Any:
 
 
 _OWN_MEMORY: Final = ("_newest", "_rejected", "_steps", "_began_s", "_shown_s", "_at_s", "_partial", "_state")
-_REMEMBERED: Final = (KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase, *HAND_KINDS)
+_REMEMBERED: Final = (
+    KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase, *HAND_KINDS, *CALIBRATION_REMEMBERED,
+)  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.geometry.rigid import inverse
 from mocapella.model.camera import PlacedCamera
@@ -38,17 +39,25 @@ def place_of(placed: PlacedCamera) -> SensorPlace:
     return SensorPlace(placed.camera.name, T, position_sd, rotation_sd, "as calibrated")
 
 
-def problems(places: tuple[SensorPlace, ...], counts: CameraCounts) -> tuple[SensorPlace, ...]:
+def disagreeing(counts: CameraCounts) -> NDArray[np.bool_]:
+    """Return which cameras (cameras,) do not agree with the others."""
+    return np.asarray((counts.judged >= LEAST_JUDGED) & (counts.agreed < LEAST_AGREED))
+
+
+def problems(
+    places: tuple[SensorPlace, ...], counts: CameraCounts, remedy: str = "calibrate again"
+) -> tuple[SensorPlace, ...]:
     """Return the places with the problems of the cameras.
 
     Args:
         places: poses of the cameras, in the order of their names.
         counts: what the cameras saw, in the same order.
+        remedy: what to do about a camera that does not agree.
     """
-    bad = (counts.judged >= LEAST_JUDGED) & (counts.agreed < LEAST_AGREED)
+    bad = disagreeing(counts)
     if not bad.any():
         return places
-    text = "its keypoints do not agree with the other cameras: it was moved, or is wrongly calibrated; calibrate again"
+    text = f"its keypoints do not agree with the other cameras: it was moved, or is wrongly calibrated; {remedy}"
     return tuple(
         msgspec.structs.replace(place, problem=text) if wrong else place
         for place, wrong in zip(places, bad.tolist(), strict=True)

@@ -114,16 +114,14 @@ class WebcamsHands:
 
     Args:
         settings: settings of the method.
-        rig: the cameras.
     """
 
-    def __init__(self, settings: WebcamsSettings, rig: CameraRig) -> None:
+    def __init__(self, settings: WebcamsSettings) -> None:
         self._all, self.settings = settings, settings.hands
-        self.set_rig(rig)
         self.reset()
 
     def set_rig(self, rig: CameraRig) -> None:
-        """Use the cameras of a rig; the hands stay."""
+        """Use the cameras of a rig, before the first update; the hands stay."""
         names = sorted(rig.cameras)
         self._column = {name: i for i, name in enumerate(names)}
         self._lenses = np.array([rig.cameras[name].camera.lens for name in names])

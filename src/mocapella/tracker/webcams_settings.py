@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from mocapella.association.hand_keypoints import HandKeypointSettings
 from mocapella.association.keypoint_rays import KeypointAssociationSettings
+from mocapella.calibration.people_rig_live import LiveRigSettings
 from mocapella.settings import check
 
 
@@ -41,6 +42,12 @@ class WebcamsSettings:
             with larger errors of moving people [s].
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
             the others longer [s].
+        calibration: calibration from the people, if there is no rig.
+        height_m: mean stature of the people, which gives the scale if there is no rig; 0: a guess. Larger: all lengths
+            are larger [m].
+        start_position_m: people are tracked as soon as the cameras' positions have standard deviations below this, if
+            there is no rig; larger: earlier, and less exact [m].
+        start_rotation_deg: the same for the cameras' directions; larger: earlier, and less exact [°].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -61,6 +68,10 @@ class WebcamsSettings:
     slow_error_s: float = 0.08
     late_s: float = 0.2
     silent_after_s: float = 0.3
+    calibration: LiveRigSettings = field(default_factory=LiveRigSettings)
+    height_m: float = 0.0
+    start_position_m: float = 0.4
+    start_rotation_deg: float = 2.0
 
     def __post_init__(self) -> None:
         check(1 <= self.confirm_instants <= 1000, "confirm_instants", self.confirm_instants, "from 1 to 1000")
@@ -76,3 +87,9 @@ class WebcamsSettings:
         check(0 < self.slow_error_s <= 10, "slow_error_s", self.slow_error_s, "above 0 and at most 10 s")
         check(0 < self.late_s <= 10, "late_s", self.late_s, "above 0 and at most 10 s")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
+        stated = self.height_m == 0 or 0.5 <= self.height_m <= 2.5
+        check(stated, "height_m", self.height_m, "from 0.5 to 2.5 m, or 0 for a guess")
+        check(0 < self.start_position_m <= 10, "start_position_m", self.start_position_m, "above 0 and at most 10 m")
+        check(
+            0 < self.start_rotation_deg <= 45, "start_rotation_deg", self.start_rotation_deg, "above 0 and at most 45°"
+        )
