@@ -96,6 +96,7 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-loss"],
     ["lab", "evaluate", "silhouettes-one-camera"],
     ["lab", "evaluate", "silhouettes-wrong-frame"],
+    ["lab", "evaluate", "silhouettes-keypoints"],
     ["lab", "evaluate", "silhouettes-jitter-limit"],
     ["lab", "evaluate", "webcams"],
     ["lab", "evaluate", "rgbd"],

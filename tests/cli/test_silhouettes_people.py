@@ -176,6 +176,14 @@ def test_all_people_of_keypoint_files_are_followed_without_a_start(folder):
         ])  # fmt: skip
         assert sorted(away.argmin(axis=1).tolist()) == [0, 1]
         assert away.min(axis=1).max() < 0.08
+    assert all(type(one["summary"]["keypoints_left_out"]) is int for one in found["people"].values())
+    done = run_here(folder, "track", "silhouettes", *FILMS, "--set", "keypoints=pose", "--record", "./seen")
+    assert done.returncode == 0, done.stderr
+    assert f"recorded {3 * len(SCENE)} images in seen.mcap" in " ".join(done.stderr.split())
+    done = run_here(folder, "replay", "seen", "--json", "replayed.json")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((folder / "replayed.json").read_text())
+    assert (row["recorded_scenes"], row["differing_scenes"], row["clean"]) == (6 * len(SCENE), 0, True)
     said = failed(folder, "--set", "keypoints=pose", "--start", "both.json")
     assert "choose one of them" in said
     said = failed(folder, "--set", "keypoints=pose", "--set", "detector=mediapipe")

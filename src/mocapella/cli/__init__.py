@@ -90,6 +90,7 @@ def import_commands() -> None:
         evaluate_founding,
         evaluate_hand_solvers,
         evaluate_jitter,
+        evaluate_keypoints,
         evaluate_markers,
         evaluate_rgbd,
         evaluate_rig_from_people,

@@ -1,4 +1,7 @@
-"""Starts of `track silhouettes` from keypoint files or detections of all people, tracked by the method ``webcams``."""
+"""Keypoint files or detections of all people for `track silhouettes`.
+
+The method ``webcams`` tracks the people, to start their bodies; the keypoints themselves refine the fits.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from mocapella.cli.common import say
 from mocapella.errors import InputError
+from mocapella.model.point_tracks import match_cameras
 
 if TYPE_CHECKING:
     from mocapella.library.motion_tracks import MotionTracks
     from mocapella.model.camera import CameraRig
+    from mocapella.model.keypoints import KeypointFrame
+    from mocapella.recording.detections import CameraDetections
     from mocapella.sources.frame_set import FrameSource
     from mocapella.tracker.silhouette_start import PersonJoints
-
-DETECT_EVERY_S: Final = 0.1
-"""Time between two images of a film that are searched for people [s]."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class PeopleWishes:
         assert self.rig is not None
         assert self.shown is not None
         rate_hz = self.shown.rate_hz
-        people = self._detected(rate_hz) if self.finds is not None else self._of_files(rate_hz)
+        people = self._detected() if self.finds is not None else self._of_files(rate_hz)
         where = ", ".join(self.paths) or "films"
         if people is None:
             raise InputError(
@@ -77,35 +80,75 @@ class PeopleWishes:
             raise InputError("nobody is in the first images", file=where, fix="begin at a later frame: --frames 30-")
         return there if len(there) > 1 else {ALONE: next(iter(there.values()))}
 
+    @cached_property
+    def frames(self) -> dict[int, list[KeypointFrame]]:
+        """Keypoints in all images by the number of the films' frame, to refine the fit; empty for none.
+
+        Raises:
+            InputError: the keypoints cannot be read, or are no people's.
+        """
+        from mocapella.recording.detections import keypoint_frames
+
+        if not self.given:
+            return {}
+        assert self.rig is not None
+        assert self.shown is not None
+        if self.finds is not None:
+            return self._found
+        files = self._files
+        found: dict[int, list[KeypointFrame]] = {}
+        first = min((int(one.numbers[0]) for one in files if len(one.numbers)), default=0)
+        names = match_cameras([one.camera for one in files], self.rig.cameras, file=self.paths[0])
+        for name, one in zip(names, files, strict=True):
+            if name in self.shown.rig.cameras and len(one.numbers):
+                size = self.shown.rig.cameras[name].camera.size_px
+                made = keypoint_frames(one, name, size, self.shown.rate_hz)
+                for number, frame in zip(one.numbers.tolist(), made, strict=True):
+                    found.setdefault(number - first, []).append(frame)
+        return found
+
+    @cached_property
+    def _files(self) -> list[CameraDetections]:
+        from mocapella.recording.detection_files import read_detections
+
+        return [*read_detections([Path(path) for path in self.paths], order=self.order)]
+
     def _of_files(self, rate_hz: float) -> MotionTracks | None:
-        from mocapella.library.people_triangulation import triangulate_people
+        from mocapella.library.keypoint_tracking import rig_with_y_up
+        from mocapella.library.people_triangulation import track_detections
 
         assert self.rig is not None
-        found = triangulate_people(
-            [Path(path) for path in self.paths], self.rig, fps=rate_hz, up=self.up, order=self.order
-        )
+        turned, source = rig_with_y_up(self.rig, self.up), Path(self.paths[0])
+        found = track_detections(self._files, turned, source=source, fps=rate_hz)
         for note in found.notes:
             say(note)
         return found.people
 
-    def _detected(self, rate_hz: float) -> MotionTracks | None:
+    @cached_property
+    def _found(self) -> dict[int, list[KeypointFrame]]:
+        """Detections in all images of the films, by number of the frame."""
         from mocapella.conventions import NS_PER_S
         from mocapella.detectors.keypoint_detector import frame_of
+
+        assert self.shown is not None
+        assert self.finds is not None
+        found: dict[int, list[KeypointFrame]] = {}
+        for shot in self.shown:
+            at_s = shot.frame / self.shown.rate_hz
+            for name, image in shot.images.items():
+                finds, size = self.finds[name], (image.shape[1], image.shape[0])
+                seen, time_ns = finds.update(image, at_s), round(at_s * NS_PER_S) + 1
+                found.setdefault(shot.frame, []).append(frame_of(seen, finds.topology, name, time_ns, size))
+        return found
+
+    def _detected(self) -> MotionTracks | None:
         from mocapella.library.keypoint_tracking import arrivals_of, rig_with_y_up, track_arrivals
 
         assert self.rig is not None
-        assert self.shown is not None
-        assert self.finds is not None
-        every, frames = max(1, round(rate_hz * DETECT_EVERY_S)), dict[str, list[Any]]()
-        for count, shot in enumerate(self.shown):
-            if count % every:
-                continue
-            at_s = shot.frame / rate_hz
-            for name, image in shot.images.items():
-                finds, size = self.finds[name], (image.shape[1], image.shape[0])
-                seen = finds.update(image, at_s)
-                time_ns = round(at_s * NS_PER_S) + 1
-                frames.setdefault(name, []).append(frame_of(seen, finds.topology, name, time_ns, size))
+        frames: dict[str, list[KeypointFrame]] = {}
+        for some in self._found.values():
+            for frame in some:
+                frames.setdefault(frame.sensor, []).append(frame)
         rig = rig_with_y_up(self.rig, self.up)
         recording, _ = track_arrivals(arrivals_of(frames, rig), rig, source=Path("films"))
         return recording.people

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from mocapella.cli.common import record_file, say
 from mocapella.errors import SettingsError
 from mocapella.live.file_take import FileTake
-from mocapella.live.silhouette_run import SilhouetteRun
+from mocapella.live.silhouette_run import KEYPOINT_NODE, SilhouetteRun
 from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.gltf import mesh_bytes
 from mocapella.model.observations import Arrival
@@ -52,12 +52,16 @@ class RecordedRun:
         self._sums = {name: checksum(video.path) for name, video in shown.videos.items()}
         self._paths = {name: video.path for name, video in shown.videos.items()}
         self._take = FileTake(path, Setup("silhouettes", cameras), settings)
+        self._keypoints = 0
         self.run = SilhouetteRun(tracker, say, self._write)
 
     def _write(self, arrival: Arrival, number: int | None, scene: Scene) -> None:
 
         frame: Any = arrival.frame
-        if number is None:
+        if frame.node_id == KEYPOINT_NODE:
+            stored: Any = frame
+            self._keypoints += 1
+        elif number is None:
             stored = as_png(frame)
         else:
             name = frame.sensor
@@ -67,7 +71,7 @@ class RecordedRun:
     def close(self) -> None:
         """End the take, and report its contents."""
         report = self._take.close()
-        frames = sum(report.frames.values())
+        frames = sum(report.frames.values()) - self._keypoints
         size = f"{report.size_bytes / 1e6:.1f} MB"
         say(f"recorded {frames} images in {report.path} ({size}); the images of videos stay in their files")
 

@@ -66,10 +66,10 @@ class SilhouetteKeys:
     ] = ()
     keypoints: Annotated[
         tuple[str, ...],
-        KeySpec("In place of --start: keypoints of all people, as `triangulate` takes them; later, too.", "FOLDER"),
+        KeySpec("In place of --start: keypoints of all people, as of `triangulate`; they refine the fit.", "FOLDER"),
     ] = ()
     detector: Annotated[
-        str | None, KeySpec("In place of --start: detect people in the films; as of `people --detector`.", "NAME")
+        str | None, KeySpec("In place of --start: detect people in all images; as of `people --detector`.", "NAME")
     ] = None
     up: Annotated[
         str, KeySpec("With keypoints or detector: upward axis of the rig's world.", choices=("y", "z", "-y"))
@@ -227,6 +227,7 @@ def _track(
                 take = recorded(files.record, found, later, shown, live_wishes, wanted=wanted, fit=fit)
                 closing.callback(take.close)
                 run = take.run
+            run.keypoints = starts.people.frames
             if background:
                 learn(run, background, cameras, shown, live_wishes.other_size)
         if live_wishes.live and (background or live_wishes.empty_room_s is not None):
@@ -237,8 +238,11 @@ def _track(
                 opened = open_view(run, page.port, no_browser=not page.browser)
                 closing.callback(opened.close)
                 on_step.append(opened.tell)
-            whose = {name: body for name, (body, _) in found.items()}
-            result = closing.enter_context(SilhouetteResult(files.json, files.plot, whose, shown, files.rig, fit))
+            result = closing.enter_context(
+                SilhouetteResult(
+                    files.json, files.plot, {name: body for name, (body, _) in found.items()}, shown, files.rig, fit
+                )
+            )
             whole = _follow(run, shown, stop, seconds, [result.keep, *on_step])
             result.finish(run, shown)
             if files.json != "-":

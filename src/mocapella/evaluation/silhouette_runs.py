@@ -25,6 +25,8 @@ from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import Sex, proportions_of
 from mocapella.model.camera import CameraRig
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.observations import Arrival
 from mocapella.model.rigged_mesh import RiggedMesh, posed
 from mocapella.model.silhouettes import overlap
 from mocapella.model.twist_tree import TreePose
@@ -194,7 +196,13 @@ def alone(
     return SilhouettesTracker({ALONE: InitialBody(mesh, pose)}, rig, settings, sync=FrameSyncSettings(period_s))
 
 
-def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: int, number: int) -> SeenInstant:
+def seen_at(
+    tracker: SilhouettesTracker,
+    images: Mapping[str, UInt8],
+    time_ns: int,
+    number: int,
+    keypoints: Sequence[KeypointFrame] = (),
+) -> SeenInstant:
     """Pass the images of all cameras at one instant to the tracker, and return its result.
 
     Args:
@@ -202,7 +210,10 @@ def seen_at(tracker: SilhouettesTracker, images: Mapping[str, UInt8], time_ns: i
         images: (height, width, 3) uint8 BGR, by camera.
         time_ns: capture time, on the common clock.
         number: number of the frame.
+        keypoints: people's keypoints in these images.
     """
+    for frame in keypoints:
+        tracker.update(Arrival(frame, time_ns))
     for arrival in arrivals_of(images, time_ns, cameras=tracker.rig.cameras, number=number):
         tracker.update(arrival)
     assert tracker.seen is not None  # every camera has given its image

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
+from mocapella.evaluation.keypoints_of_scenes import drawn_keypoints
 from mocapella.evaluation.silhouette_runs import alone, measured_body, rough_joints, seen_at
 from mocapella.kinematics.silhouette_fit import eye
 from mocapella.kinematics.silhouette_fit import seen_at as pixels_of
@@ -137,6 +138,7 @@ def follow_seated(
     *,
     size_px: tuple[int, int] = SIZE_PX,
     fps: float = FPS,
+    keypoints: bool = False,
 ) -> SeatedRun:
     """Track the person of one of `SEATED_SCENES`, with a body whose proportions are of the start's joints.
 
@@ -147,6 +149,7 @@ def follow_seated(
         settings: settings of the tracker; None for the defaults.
         size_px: (width, height) of the images.
         fps: frame rate [Hz].
+        keypoints: whether keypoints of the person are given beside the images, of `drawn_keypoints`.
 
     Raises:
         SettingsError: no such scene; names the known ones.
@@ -173,7 +176,8 @@ def follow_seated(
             [_interlaced(*pair) for pair in zip(before or images, images, strict=True)] if hard.interlaced else images
         )
         before = images
-        fit = seen_at(tracker, dict(zip(cameras, shown, strict=True)), k * between_ns, k).bodies[ALONE].fit
+        points = drawn_keypoints(scene, k, k * between_ns) if keypoints else []
+        fit = seen_at(tracker, dict(zip(cameras, shown, strict=True)), k * between_ns, k, points).bodies[ALONE].fit
         assert fit.supported is not None  # the tracker always tells
         errors.append(np.linalg.norm(fit.landmarks - scene.landmarks(k), axis=1))
         supported.append(fit.supported)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.live.silhouette_statistics import STEP_MS, BinnedValues, BodyStatistics
+from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival
 from mocapella.model.outline_colours import Colour, body_colour
 from mocapella.model.scene import Scene
@@ -30,8 +31,8 @@ from mocapella.tracker.silhouettes import SilhouettesTracker
 UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]
 RecordStep = Callable[[Arrival, int | None, Scene], None]
-ROOM_NODE, VIDEO_NODE = 1, 2
-"""Node ids of the frames in a recorded take: of images of the empty room, and of the videos."""
+ROOM_NODE, VIDEO_NODE, KEYPOINT_NODE = 1, 2, 3
+"""Node ids of the frames in a recorded take: of images of the empty room, of the videos, and of keypoints in these."""
 
 
 class PersonStep(msgspec.Struct, frozen=True, eq=False):
@@ -104,6 +105,7 @@ class SilhouetteRun:
         statistics: statistics of each body by name; the rows are not kept.
         took_ms: durations of tracking of these frames [ms].
         notes: all messages so far.
+        keypoints: people's keypoints by the number of the frame, which refine the fits; empty for none.
     """
 
     def __init__(
@@ -114,6 +116,7 @@ class SilhouetteRun:
         self.frames, self.took_ms = 0, BinnedValues(STEP_MS)
         self.statistics = {name: BodyStatistics() for name in self.meshes}
         self.notes: list[str] = []
+        self.keypoints: Mapping[int, Sequence[KeypointFrame]] = {}
         self._say, self._record = say, record
         self._fed: Counter[tuple[str, int]] = Counter()
         self._zero_ns, self._last_ns = 0, -1
@@ -132,7 +135,7 @@ class SilhouetteRun:
             SettingsError: an array has another shape or type.
         """
         for arrival in arrivals_of(images, 0, empty_room=True):
-            self._give(arrival, None)
+            self._give(arrival, None, ROOM_NODE)
 
     def feed(self, shown: FrameSet) -> float:
         """Pass a frame to the tracker without counting it, for example before a measurement; return the duration [s].
@@ -144,20 +147,25 @@ class SilhouetteRun:
             self._zero_ns = self._last_ns + round(self.tracker.period_s * NS_PER_S) - shown.time_ns
         self._last_ns = self._zero_ns + shown.time_ns
         arrivals = arrivals_of(shown.images, self._last_ns, cameras=self.rig.cameras, number=shown.frame)
+        seen = [
+            Arrival(msgspec.structs.replace(frame, time_ns=self._last_ns), self._last_ns)
+            for frame in self.keypoints.get(shown.frame, ())
+        ]
         begin_s = time.perf_counter()
+        for arrival in seen:
+            self._give(arrival, shown.frame, KEYPOINT_NODE)
         for arrival in arrivals:
-            self._give(arrival, shown.frame)
+            self._give(arrival, shown.frame, VIDEO_NODE)
         took_s = time.perf_counter() - begin_s
         for note in self.tracker.drain_notes():
             self.note(note.text)
         return took_s
 
-    def _give(self, arrival: Arrival, number: int | None) -> None:
+    def _give(self, arrival: Arrival, number: int | None, node: int) -> None:
         """Pass a frame to the tracker; a recorded frame gets a sequence number of its own."""
         if self._record is None:
             self._scene = self.tracker.update(arrival)
             return
-        node = ROOM_NODE if number is None else VIDEO_NODE
         key = arrival.frame.sensor, node
         frame = msgspec.structs.replace(arrival.frame, node_id=node, sequence=self._fed[key])
         self._fed[key] += 1
@@ -184,6 +192,9 @@ class SilhouetteRun:
         }
         for name, person in people.items():
             self.statistics[name].add(person.row)
+            if self.keypoints:
+                before = self.statistics[name].keypoints_left_out or 0
+                self.statistics[name].keypoints_left_out = before + person.followed.contradicted
         self.frames += 1
         self.took_ms.add(1e3 * took_s)
         return Step(shown.frame, seen.images, people, took_s, self._scene)

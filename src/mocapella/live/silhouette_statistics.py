@@ -64,6 +64,8 @@ class BodyStatistics:
         left_out: number of frames with an unused or missing image, by camera.
         overlaps: intersection over union of the model's and the image's silhouettes, by camera.
         shown: share of the model's outline for which the image has evidence, by camera.
+        keypoints_left_out: number of landmarks, over all frames, whose keypoints every image contradicted; None
+            without keypoints.
     """
 
     def __init__(self) -> None:
@@ -71,6 +73,7 @@ class BodyStatistics:
         self.left_out, self.unsupported = Counter[str](), Counter[str]()
         self.overlaps: dict[str, BinnedValues] = {}
         self.shown: dict[str, BinnedValues] = {}
+        self.keypoints_left_out: int | None = None
 
     def add(self, row: FollowedFrame) -> None:
         """Add one frame's result: whether the body is lost, the unused images, and the overlaps by camera."""
@@ -85,6 +88,7 @@ class BodyStatistics:
 
     def summary(self) -> dict[str, object]:
         """Return the statistics in the form of ``--json``; medians are over all cameras, None without any."""
+        left = self.keypoints_left_out
         return {
             "frames": self.frames,
             "lost": self.lost,
@@ -92,6 +96,7 @@ class BodyStatistics:
             "unsupported": dict(self.unsupported),
             "median_overlap": _median(self.overlaps),
             "median_shown": _median(self.shown),
+            **({} if left is None else {"keypoints_left_out": left}),
         }
 
 

@@ -17,6 +17,7 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import RiggedMesh
 from mocapella.model.twist_tree import TreePose
 from mocapella.tracker.body_fitter import BodyFitter, FittedBody
+from mocapella.tracker.silhouette_keypoints import BodyKeypoints, SeenKeypoints, keypoints_of_bodies
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 UInt8 = NDArray[np.uint8]
@@ -98,13 +99,20 @@ class BodiesFitter:
         for fitter in self.fitters.values():
             fitter.learn_background(images)
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int, waiting: Collection[str] = ()) -> dict[str, FittedBody]:
+    def update(
+        self,
+        images: Mapping[str, UInt8],
+        time_ns: int,
+        waiting: Collection[str] = (),
+        keypoints: Mapping[str, SeenKeypoints] | None = None,
+    ) -> dict[str, FittedBody]:
         """Fit every tracked body to the next frame.
 
         Args:
             images: simultaneous images (height, width) or (height, width, 3) uint8 BGR, by camera; some may be missing.
             time_ns: capture time, on the common clock.
             waiting: names of lost bodies; they are fitted, but their predicted pixels stay evidence for other bodies.
+            keypoints: all people's keypoints in these images, by camera; None for none. Lost bodies get none.
 
         Returns:
             The fitted bodies, by name; a body that was not started, or was stopped, is missing.
@@ -115,6 +123,7 @@ class BodiesFitter:
             for name, fitter in present.items()
             if len(present) > 1 and name not in waiting
         }
+        of_bodies = self._keypoints_of(present, time_ns, waiting, keypoints) if keypoints else {}
         out, self.others = {}, {}
         for name, fitter in present.items():
             others: dict[str, Bool] = {}
@@ -122,5 +131,23 @@ class BodiesFitter:
                 if other != name:
                     others = {camera: mask | others.get(camera, False) for camera, mask in masks.items()}
             self.others[name] = others
-            out[name] = fitter.update(images, time_ns, others)
+            out[name] = fitter.update(images, time_ns, others, keypoints=of_bodies.get(name))
         return out
+
+    def _keypoints_of(
+        self,
+        present: Mapping[str, BodyFitter],
+        time_ns: int,
+        waiting: Collection[str],
+        keypoints: Mapping[str, SeenKeypoints],
+    ) -> dict[str, BodyKeypoints]:
+        """Return the keypoints of each body that is not lost, by name."""
+        places = {
+            name: ([*fitter.mesh.landmarks], fitter.body.standing(fitter.expected(time_ns)).landmarks)
+            for name, fitter in present.items()
+            if name not in waiting
+        }
+        if not places:
+            return {}
+        first = present[next(iter(places))]
+        return keypoints_of_bodies(keypoints, places, first.eyes, first.settings.keypoints)

@@ -6,7 +6,8 @@
     pose     = fit(given, smoothness(expected))         with the smoothness prior as a part of the estimate
 
 The last three steps are iterated (B. Rosenhahn, T. Brox, D. Cremers, H.-P. Seidel, "Online Smoothing for Markerless
-Motion Capture", DAGM 2007). See docs/methods/silhouettes.md.
+Motion Capture", DAGM 2007). Lines of sight of keypoints, if there are any, are further constraints. See
+docs/methods/silhouettes.md.
 """
 
 from __future__ import annotations
@@ -33,11 +34,13 @@ from mocapella.model.twist_tree import TreePose, motions
 from mocapella.sensing.dead_images import DeadImages
 from mocapella.sensing.speckles import without_speckles
 from mocapella.tracker.image_rejection import hides_the_body, shows_another_scene
+from mocapella.tracker.keypoint_fit import KeypointFit
 from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
 from mocapella.tracker.limb_stillness import HeldPoints, LimbStillness
 from mocapella.tracker.limb_support import LimbSupport, OutlineEvidence
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
 from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
+from mocapella.tracker.silhouette_keypoints import BodyKeypoints
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 from mocapella.tracker.surface_prior import SurfacePrior
 
@@ -63,7 +66,9 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
         seen: contour and model outline, by camera whose image was used. Empty: the pose is the predicted one.
         left_out: the reason why an image was rejected, by camera. A camera may be in neither, because it gave no image
             or the body is outside.
-        supported: (n,) bool, whether images support each landmark (`limb_support.py`); None: unknown.
+        supported: (n,) bool, whether images or keypoints support each landmark (`limb_support.py`, `keypoint_fit.py`);
+            None: unknown.
+        contradicted: number of landmarks whose keypoints were left out, because every image contradicts them.
     """
 
     time_ns: int
@@ -72,6 +77,7 @@ class FittedBody(msgspec.Struct, frozen=True, eq=False):
     seen: Mapping[str, SeenIn]
     left_out: Mapping[str, str]
     supported: Bool | None = None
+    contradicted: int = 0
 
 
 class BodyFitter:
@@ -95,6 +101,7 @@ class BodyFitter:
         self.body = SilhouetteBody(mesh)
         self._support = LimbSupport(mesh)
         self._stillness = LimbStillness(self.body)
+        self._keypoints = KeypointFit(self.body, self.settings.keypoints)
         self._limb_recovery = None if self.settings.limbs is None else LimbRecovery(self.body, self.settings.limbs)
         self.eyes: dict[str, Eye] = {name: eye(placed) for name, placed in rig.cameras.items()}
         self._usual = np.clip(0.0, *mesh.tree.limits.T)
@@ -205,7 +212,14 @@ class BodyFitter:
         pose = local.back(predicted(local.into(before), local.at, since_s / before_s))
         return TreePose(pose.T_world_model, np.clip(pose.angles, *self.mesh.tree.limits.T))
 
-    def update(self, images: Mapping[str, UInt8], time_ns: int, others: Mapping[str, Bool] | None = None) -> FittedBody:
+    def update(
+        self,
+        images: Mapping[str, UInt8],
+        time_ns: int,
+        others: Mapping[str, Bool] | None = None,
+        *,
+        keypoints: BodyKeypoints | None = None,
+    ) -> FittedBody:
         """Fit the body to the next frame.
 
         Args:
@@ -213,6 +227,7 @@ class BodyFitter:
             time_ns: capture time, on the common clock; after that of the last frame.
             others: (height, width) masks, by camera: pixels of other people, if any, which are no evidence for
                 this body.
+            keypoints: this body's keypoints at that time; None for none.
 
         Returns:
             The fitted body; if no image shows it, its pose is the predicted one, and ``seen`` is empty.
@@ -228,7 +243,7 @@ class BodyFitter:
         rejects = s.rejection != "none"
         left_out = self._dead.update(images) if rejects else {}
         images = {name: without_speckles(image) for name, image in images.items()}
-        held = self._held(images, left_out, time_ns)
+        held = self._held(images, left_out, time_ns, keypoints)
         usual, steady = self._priors(expected, time_ns, held)
         expected_at = self.body.standing(expected).vertices
         for camera in self._cameras.values():
@@ -281,7 +296,7 @@ class BodyFitter:
             self._surface.learn(stands)
         self._missed = not seen
         self._hidden_parts = self._support.hidden_parts(supported)
-        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported)
+        return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported, self._keypoints.contradicted)
 
     def _fitted(
         self,
@@ -315,20 +330,24 @@ class BodyFitter:
             stands, local = self.body.standing(pose), self.body.local(pose)
             moved = motions(local.tree, local.at)
             given: list[Constraints] = []
-            for name, image in images.items():
-                camera = self._cameras[name]
-                if not camera.look(self.body.figure, stands.vertices, s):
-                    continue
-                if again:
-                    camera.segment(image, others.get(name), near=near or number == segmented - 1)
-                if camera.segmented:
-                    given.append(camera.planes(moved))
-            held = steady
+            seeing = [name for name in images if self._cameras[name].look(self.body.figure, stands.vertices, s)]
+            for name in seeing if again else ():
+                self._cameras[name].segment(images[name], others.get(name), near=near or number == segmented - 1)
+            if again or number == 0:
+                self._keypoints.judge(self._segmented())
+            given += [
+                self._keypoints.counting(self._cameras[name].planes(moved), stands)
+                for name in seeing
+                if self._cameras[name].segmented
+            ]
+            held, outlines = steady, bool(given)
             if given and s.steadiness is not None:
                 alone = len(given) == 1
                 held = steady if alone else beside_surface
                 given.append(self._surface.steady(stands, moved, held_alone=alone))
             given.append(apart(self.body.solid, stands.landmarks, moved))
+            if outlines:
+                given += self._keypoints.constraints(stands, moved)
             # An unseen part keeps its predicted motion; it is not drawn to its usual pose.
             local_priors = [local.into_prior(one) for one in held] + (
                 [local.into_usual(usual)] if len(given) > 1 else []
@@ -355,8 +374,7 @@ class BodyFitter:
         # The pose of a start is not of the last image, and until the second fit the body is taken to be at rest.
         moving = not np.array_equal(last.angles, self._past[0][1].angles)
         found = recovery.found(
-            pose, images, others, self._segmented(), self._stillness.as_started & ~self._hidden_parts,
-            last=last if moving else None,
+            pose, images, others, self._segmented(), self._settled(pose), last=last if moving else None,
         )  # fmt: skip
         if found is None:
             self._just_found = np.zeros_like(self._just_found)
@@ -374,6 +392,11 @@ class BodyFitter:
         priors = self._priors(with_angles(expected, joints, pose.angles), time_ns, held)
         return self._fitted(images, others, pose, priors=priors, rounds=s.rounds, segmented=s.segmented)
 
+    def _settled(self, pose: TreePose) -> Bool:
+        """Return the parts (parts,) that need no search: as at a certain start, or supported by keypoints."""
+        by_keypoints = self._keypoints.supported_parts(self.body.standing(pose).landmarks)
+        return (self._stillness.as_started & ~self._hidden_parts) | by_keypoints
+
     def _fitted_as_started(
         self,
         images: Mapping[str, UInt8],
@@ -387,7 +410,8 @@ class BodyFitter:
         """Return the first frame's pose, with parts that no image shows as at the start, which is certain."""
         stands = self.body.standing(pose)
         evidence = [*self._evidence(stands).values()]
-        hidden = self._support.hidden_parts(self._support.supported(stands.landmarks, evidence))
+        shown = self._support.supported(stands.landmarks, evidence) | self._keypoints.supported(stands.landmarks)
+        hidden = self._support.hidden_parts(shown)
         if not hidden.any():
             return pose
         points = hidden[self.body.figure.part[self.body.skin]]
@@ -396,11 +420,15 @@ class BodyFitter:
         return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
 
     def _supported(self, stands: Standing, evidence: Mapping[str, OutlineEvidence]) -> Bool:
-        """Return whether images support each landmark (n,); remember which of them show which parts."""
+        """Return whether images or keypoints support each landmark (n,); remember which of them show which parts."""
         self._stillness.witness(
             {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
         )
-        return self._support.supported(stands.landmarks, [*evidence.values()])
+        by_outlines = self._support.supported(stands.landmarks, [*evidence.values()])
+        if not evidence:
+            return by_outlines
+        contested = self._keypoints.contested(stands.landmarks)
+        return np.asarray((by_outlines & ~contested) | self._keypoints.supported(stands.landmarks))
 
     def _evidence(self, stands: Standing) -> dict[str, OutlineEvidence]:
         """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands."""
@@ -449,12 +477,27 @@ class BodyFitter:
         camera = self._cameras.get(name)
         return None if camera is None else camera.foreground(without_speckles(image), others)
 
-    def _held(self, images: Mapping[str, UInt8], left_out: Mapping[str, str], time_ns: int) -> HeldPoints:
-        """Return the points of the body that are still, by the changes of the images."""
+    def _held(
+        self,
+        images: Mapping[str, UInt8],
+        left_out: Mapping[str, str],
+        time_ns: int,
+        keypoints: BodyKeypoints | None,
+    ) -> HeldPoints:
+        """Return the points of the body that are still, by the changes of the images; take the frame's keypoints.
+
+        Parts that keypoints show elsewhere are not held.
+        """
+        expected = None if keypoints is None else self.body.standing(self.expected(time_ns))
+        self._keypoints.begin(keypoints, expected)
+        last = self.body.standing(self._past[-1][1])
+        misplaced = self._keypoints.misplaced_parts(last)
+        if len(misplaced):
+            self._stillness.release(misplaced)
         used = {name: self._cameras[name] for name in images if name in self._cameras and name not in left_out}
         changes = {name: camera.changed(images[name], time_ns) for name, camera in used.items()}
         known = {name: one for name, one in changes.items() if one is not None}
-        return self._stillness.update(self.body.standing(self._past[-1][1]), known, len(used))
+        return self._stillness.update(last, known, len(used))
 
     def _priors(self, expected: TreePose, time_ns: int, held: HeldPoints) -> tuple[Prior, Sequence[Prior]]:
         """Return the prior of usual angles, and the priors of smooth motion."""
@@ -472,7 +515,8 @@ class BodyFitter:
         (before_ns, _), (last_ns, last) = self._past
         since_s, before_s = (time_ns - last_ns) / NS_PER_S, (last_ns - before_ns) / NS_PER_S
         per_s2 = 2.0 / (since_s * (since_s + before_s))
-        self._surface.expect(self.body.standing(expected), since_s, per_s2)
+        stands = self.body.standing(expected)
+        self._surface.expect(stands, since_s, per_s2, self._keypoints.away_m(stands))
         self._surface.hold(held)
         penalty = s.steadiness.penalty(per_s2)
         turns = np.zeros(len(self._usual))

@@ -53,6 +53,12 @@ FOREGROUND_PX = 4
 """Sampling step of a whole image's foreground, at least [px]."""
 MOST_FOREGROUND = 0.4
 """An image with more foreground than this fraction shows something else, and no person."""
+ALIKE = 0.02
+"""Share of the body's colours that must be like a pixel's; a limb has more, and misjudged pixels of the edge less."""
+BODY_COLOURS = 512
+"""Number of pixels of the segmented region whose colours are the body's."""
+LEVELS = 24.0
+"""Least difference of unlike colours, in any channel [8-bit levels]."""
 USUAL_STEP_PX = 2
 """Stride for which `RegionSettings` give lengths and areas; they are scaled to a camera's stride [px]."""
 
@@ -307,6 +313,39 @@ class SilhouetteCamera:
         contour, surety = self._found
         lengths = np.linalg.norm(self._outline.normals, axis=1) * self._outline.depth / self._eye.lens[0]
         return OutlineEvidence(self._outline, evidence_at(self._outline, contour.phi, surety), lengths)
+
+    def contradicts(self, pixels: Float64, margins_rad: Float64) -> Bool:
+        """Return whether the image shows that pixels (n,) are not the body's; only if it is `segmented`.
+
+        Such a pixel is outside the contour by more than the margin, is no foreground by the background learnt so far,
+        and has a colour that hardly anything in the contour has. False for moving cameras.
+
+        Args:
+            pixels: (n, 2) x, y [px]; NaN gives False.
+            margins_rad: (n,) margins outside the contour, as angles [rad].
+        """
+        out = np.zeros(len(pixels), np.bool_)
+        if self.background is None or self._found is None or self._image is None:
+            return out
+        contour, (height, width) = self._found[0], self._image.shape[:2]
+        at = np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64)
+        inside = np.asarray(((at >= 1) & (at < [width - 1, height - 1])).all(axis=1))
+        rows, columns = np.nonzero(contour.phi > 0)
+        x, y = contour.origin_px[0] + contour.step_px * columns, contour.origin_px[1] + contour.step_px * rows
+        there = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        x, y = x[there], y[there]
+        if not (inside.any() and len(x)):
+            return out
+        some = np.linspace(0, len(x) - 1, BODY_COLOURS).astype(np.int64)
+        colours = self._image[y[some], x[some]].reshape(len(some), -1).astype(np.float64)
+        background = self.background.strange_at(self._image, np.where(inside[:, None], at, 0).astype(np.float64)) <= 0
+        for k in np.flatnonzero(np.asarray(inside & background)).tolist():
+            u, v = at[k]
+            own = np.median(self._image[v - 1 : v + 2, u - 1 : u + 2].reshape(9, -1), axis=0)
+            away_px = np.sqrt(((x - u) ** 2 + (y - v) ** 2).min())
+            unlike = np.abs(colours - own).max(axis=1) > LEVELS
+            out[k] = unlike.mean() > 1.0 - ALIKE and away_px > margins_rad[k] * self._eye.lens[0]
+        return out
 
     def shows_all(self, vertices: Float64) -> bool:
         """Return whether all vertices (n, 3) of a body in the world [m] are within the image."""

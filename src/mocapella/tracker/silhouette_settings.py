@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from mocapella.errors import SettingsError, one_of
+from mocapella.kinematics.keypoint_lines import KeypointLineSettings
 from mocapella.kinematics.limb_search import LimbSearchSettings
 from mocapella.kinematics.silhouette_fit import CorrespondenceSettings
 from mocapella.kinematics.twist_prediction import JitterPenalty
@@ -100,6 +101,7 @@ class SilhouetteSettings:
         background: learning of the background; None for moving cameras.
         limbs: recovery of misplaced limbs; None for none.
         correspondences: matching of outlines.
+        keypoints: weights of people's keypoints, where there are any.
         step_px: stride of the sampled pixels; 0 chooses it so that a body is about 200 samples high; larger: less work,
             less accurate. Lengths and areas of ``region`` and ``closer`` are of a stride of 2 px, and scale with it
             [px].
@@ -134,6 +136,7 @@ class SilhouetteSettings:
     background: MemorySettings | None = field(default_factory=MemorySettings)
     limbs: LimbSearchSettings | None = field(default_factory=LimbSearchSettings)
     correspondences: CorrespondenceSettings = field(default_factory=CorrespondenceSettings)
+    keypoints: KeypointLineSettings = field(default_factory=KeypointLineSettings)
     step_px: int = 0
     margin_steps: int = 12
     rounds: int = 3

@@ -25,6 +25,7 @@ from mocapella.kinematics.silhouette_fit import eye
 from mocapella.model.camera import CameraRig
 from mocapella.model.images import REMEMBERED as IMAGES_REMEMBERED
 from mocapella.model.images import ImageFrame
+from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
@@ -44,6 +45,8 @@ from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerNote, TrackerReport, scene_at
 from mocapella.tracker.rig_check import RigCheck
 from mocapella.tracker.silhouette_conditions import CameraConditions
+from mocapella.tracker.silhouette_keypoints import REMEMBERED as KEYPOINTS_REMEMBERED
+from mocapella.tracker.silhouette_keypoints import SeenKeypoints, WaitingKeypoints, seen_keypoints
 from mocapella.tracker.silhouette_room import IMAGES, LEARNING, EmptyRoomLearning, unknown_room
 from mocapella.tracker.silhouette_scene import BodyScenes
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -64,7 +67,8 @@ class SilhouettesTracker:
     """Tracker of the method ``silhouettes``.
 
     Model-based: fits each body mesh's joint angles to the silhouettes and edges in the synchronised images of all
-    cameras, from a predicted pose; detects when a person leaves and searches for lost ones.
+    cameras, from a predicted pose; detects when a person leaves and searches for lost ones. Keypoints of people in the
+    same images refine the fit, if they arrive before the set of images is complete.
 
     Args:
         bodies: bodies with their initial poses, by name, at least one; a single body may have an empty name.
@@ -97,7 +101,7 @@ class SilhouettesTracker:
         check(0 <= empty_room_s <= 600, "empty_room_s", empty_room_s, "0 to 600 s")
         self.bodies, self.rig = dict(bodies), rig
         self._waiting = waiting or empty_room_s > 0
-        self._sync = FrameSync(rig.cameras, sync)
+        self._sync, self._keypoints = FrameSync(rig.cameras, sync), WaitingKeypoints()
         self._fitters = BodiesFitter({name: body.mesh for name, body in bodies.items()}, rig, settings)
         self._presence = SilhouettePresence(self._fitters, rig)
         self._conditions, self._rig_check = CameraConditions(rig), RigCheck(rig)
@@ -133,6 +137,7 @@ class SilhouettesTracker:
 
     def _begin_anew(self, reason: str) -> None:
         self._sync.reset()
+        self._keypoints.reset()
         self._fitters.reset()
         self._presence.reset()
         self._conditions.reset()
@@ -194,16 +199,21 @@ class SilhouettesTracker:
         self.seen = None
 
     def _parts(self) -> Sequence[Any]:
-        return self._sync, self._fitters, self._presence, self._conditions, self._support, self._rig_check, self._room
+        said = self._conditions, self._support, self._rig_check
+        return self._sync, self._keypoints, self._fitters, self._presence, *said, self._room
 
     def update(self, arrival: Arrival) -> Scene:
-        """Process one image and return the scene: the bodies of the last complete set of images.
+        """Process one frame and return the scene: the bodies of the last complete set of images.
+
+        Keypoints wait for the image of their camera and time.
 
         An image that cannot be used is counted and changes nothing; a damaged one is counted once its set is complete.
         An image marked as one of the empty room is learnt at once, and rejected after the first other image.
         """
         frame: Any = arrival.frame
-        if type(frame) is not ImageFrame:
+        if type(frame) is KeypointFrame:
+            problem = self._add_keypoints(arrival, frame)
+        elif type(frame) is not ImageFrame:
             problem = not_taken(frame, "silhouettes")
         elif not (problem := self._problem(frame)):
             self._add_image(arrival, frame)
@@ -221,9 +231,28 @@ class SilhouettesTracker:
             self._take(instant)
         self._state = self._stand()
 
+    def _add_keypoints(self, arrival: Arrival, frame: KeypointFrame) -> str:
+        """Keep a camera's keypoints for the image of their time; return why they cannot be used, empty if they can."""
+        if problem := self._unknown(frame.sensor):
+            return problem
+        size = self.rig.cameras[frame.sensor].camera.size_px
+        if frame.size_px != size:
+            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
+            return f"its keypoints are of images of {own}, the rig's are {size[0]} × {size[1]}"
+        seen = seen_keypoints(frame, arrival.at_ns)
+        if seen is None:
+            return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
+        self._keypoints.add(frame.sensor, seen)
+        return ""
+
+    def _unknown(self, sensor: str) -> str:
+        """Return that the rig has no such camera; empty if it has."""
+        cameras = self.rig.cameras
+        return "" if sensor in cameras else f"the rig has no camera {sensor!r}; it has {one_of(sensor, cameras)}"
+
     def _problem(self, frame: ImageFrame) -> str:
-        if frame.sensor not in self.rig.cameras:
-            return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
+        if problem := self._unknown(frame.sensor):
+            return problem
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.format and frame.size_px != size:
             own = f"{frame.size_px[0]} × {frame.size_px[1]}"
@@ -263,17 +292,29 @@ class SilhouettesTracker:
         numbers = {arrival.frame.sequence for arrival in instant.frames.values()}
         number = numbers.pop() if len(numbers) == 1 else self._instants
         self._instants += 1
+        keypoints: dict[str, SeenKeypoints] = {}
+        for name, arrival in instant.frames.items():
+            seen = self._keypoints.take(name, arrival.at_ns, 0.5 * self._sync.period_ns)
+            if seen is not None and name in images:
+                keypoints[name] = seen
         if self._room.done:
-            said = self._follow(number, instant.time_ns, images, missing)
+            said = self._follow(number, instant.time_ns, images, missing, keypoints)
         else:
             said = self._room.update(instant.time_ns, images, self._presence.empty, self._fitters)
             said += unknown_room(self.rig.cameras, self._room.seen) if self._room.done else []
         self._notes.extend(TrackerNote(instant.time_ns, text) for text in said)
 
-    def _follow(self, number: int, time_ns: int, images: Mapping[str, UInt8], missing: Mapping[str, str]) -> list[str]:
+    def _follow(
+        self,
+        number: int,
+        time_ns: int,
+        images: Mapping[str, UInt8],
+        missing: Mapping[str, str],
+        keypoints: Mapping[str, SeenKeypoints],
+    ) -> list[str]:
         """Fit all bodies and decide which are present; return messages."""
         said = [] if self._begun else self._begin(time_ns)
-        found = self._fitters.update(images, time_ns, self._presence.lost)
+        found = self._fitters.update(images, time_ns, self._presence.lost, keypoints)
         found = {
             name: msgspec.structs.replace(fit, left_out={**fit.left_out, **missing}) for name, fit in found.items()
         }
@@ -336,12 +377,12 @@ class SilhouettesTracker:
         return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
 
 
-_FORMAT: Final = "silhouettes 5"
+_FORMAT: Final = "silhouettes 6"
 _OWN_MEMORY: Final = (
     *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
     *("_state", "_first_ns"),
 )
 _REMEMBERED: Final = (
     *(Phase, TrackerState, TrackerNote, TrackedBody, TrackedBodyView, *IMAGES_REMEMBERED),
-    *(*SYNC_REMEMBERED, *FITTER_REMEMBERED, *PRESENCE_REMEMBERED),
+    *(*SYNC_REMEMBERED, *KEYPOINTS_REMEMBERED, *FITTER_REMEMBERED, *PRESENCE_REMEMBERED),
 )

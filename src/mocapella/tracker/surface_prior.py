@@ -56,7 +56,7 @@ class SurfacePrior:
         """Restore the state that `memory` returned for the same body."""
         set_memory(self, memory)
 
-    def expect(self, stands: Standing, since_s: float, per_s2: float) -> None:
+    def expect(self, stands: Standing, since_s: float, per_s2: float, away_m: Float64 | None = None) -> None:
         """Set mean and weights of the prior: the points' predicted positions, and their inverse variances.
 
         The standard deviation of a point's acceleration grows with its speed and its recent acceleration.
@@ -66,8 +66,12 @@ class SurfacePrior:
             since_s: time since the last frame [s].
             per_s2: 1 / T², T the time between two frames: an acceleration a displaces a point from the
                 prediction at constant velocity by a · T² [1/s²].
+            away_m: (parts,) distances of parts from where keypoints show them, which count as accelerations; 0 where
+                they agree, None without keypoints [m].
         """
         s = self._steadiness
+        if away_m is not None:
+            self._acceleration = np.maximum(self._acceleration, per_s2 * away_m[self._part])
         self._onward, self._since_s, self._per_s2 = stands.vertices[self._body.skin], since_s, per_s2
         if self._last is not None:
             speed = np.linalg.norm(self._onward - self._last, axis=1) / since_s

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from mocapella.errors import SettingsError
 from mocapella.model.images import ImageFrame
+from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival
 from mocapella.model.session import SensorPose
 from mocapella.tracker.method import Method
@@ -43,7 +44,7 @@ METHOD: Final = Method(
     name="silhouettes",
     summary="body models, fitted to the silhouettes of people in the images of two or more calibrated cameras",
     settings=SilhouetteSettings,
-    frame_types=(ImageFrame,),
+    frame_types=(ImageFrame, KeypointFrame),
     parts=("bodies",),
     make=_make,
     warm_up_run=_practice,
