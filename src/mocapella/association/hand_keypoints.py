@@ -1,4 +1,4 @@
-"""Hands in images: which keypoints are a hand's, to which known hand they belong, and which detections are one hand.
+"""Hands in images: which keypoints are a hand's, which known hand they belong to, and which detections are one hand.
 
 A detection of a hand is compared with predicted landmarks by the truncated mean of its squared distances in the image.
 Detections of two cameras are one hand if most of their rays meet, and the palm has a human size.
@@ -24,7 +24,7 @@ Int64 = NDArray[np.int64]
 
 LANDMARKS: Final = 21
 MOST_COST: Final = 9.0
-"""Limit of one landmark's squared distance, and of the mean from which detections cannot match [squared sd]."""
+"""Limit of one landmark's squared distance, and of the mean above which detections cannot match [squared sd]."""
 PALM_M: Final = (0.045, 0.14)
 """Least and greatest distance of the wrist from the middle finger's first joint [m]."""
 _WRIST, _MIDDLE = 0, 9
@@ -84,7 +84,7 @@ class SeenHand(NamedTuple):
         pixels: (21, 2) with the lens' distortion, in the order of `mocapella.model.hand.LANDMARKS` [px]; NaN where not
             seen.
         sds_px: (21,) standard deviations of a coordinate [px]; NaN where not seen.
-        person: row of the person whose body the same detection shows; −1 if it shows none, or nobody known.
+        person: row of the person whose body the same detection shows; −1 if it shows none, or no known person.
         left: whether the detector calls it a left hand; None if it does not say.
     """
 

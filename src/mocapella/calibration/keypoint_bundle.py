@@ -505,7 +505,7 @@ def _lasting_pulls(
 
 
 def _circumstances(views: KeypointViews, bundle: PeopleBundle) -> Int64:
-    """Return (n, 4): the eighth of a turn from which a keypoint's camera sees the person, and the person's place."""
+    """Return (n, 4): the camera's direction from the person, in eighths of a turn, and the person's place."""
     at = {name: USED.index(HALPE.index(name)) for name in ("LShoulder", "RShoulder", "LHip", "RHip")}
     shoulders, hips = (bundle.joints[:, [at["L" + name], at["R" + name]]] for name in ("Shoulder", "Hip"))
     left, right = (0.5 * (shoulders[:, k] + hips[:, k]) for k in range(2))
@@ -524,7 +524,7 @@ def _circumstances(views: KeypointViews, bundle: PeopleBundle) -> Int64:
 
 
 SIDES: Final = 8
-"""Number of directions, seen from a person, within each of which a detector's lasting error is the same."""
+"""Number of directions around a person; within each, a detector's lasting error is the same."""
 PLACE_M: Final = 0.5
 """Size of a place within which it is the same [m]."""
 LASTING_PX: Final = 4.0

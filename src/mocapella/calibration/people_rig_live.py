@@ -173,7 +173,7 @@ class LiveRigFromPeople:
         self._step_at_s = at_s
         if self._steps is None:
             self._steps = self._solving()
-            for _ in range(self._done):  # those that were done before a snapshot was restored
+            for _ in range(self._done):  # the steps done before a snapshot was restored
                 next(self._steps)
         try:
             for _ in range(self.settings.steps):
@@ -233,5 +233,5 @@ REMEMBERED: Final = (RigFromPeople, CameraRig, PlacedCamera, Camera, PlacedByPeo
 
 
 def _rank(found: RigFromPeople) -> tuple[int, float]:
-    """Return what is smaller for a better rig: fewer cameras missing, then the worst standard deviation [mm]."""
+    """Return a key that is smaller for a better rig: fewer cameras missing, then the worst standard deviation [mm]."""
     return -len(found.cameras), max(camera.position_sd_mm for camera in found.cameras.values())

@@ -134,7 +134,7 @@ def people(
 
 
 def _settings_of_method(method: str, own: dict[str, Any]) -> dict[str, Any]:
-    """Take the settings of a tracking method out of ``own``, which keeps those of the detector."""
+    """Take the settings of a tracking method out of ``own``, which keeps the detector's."""
     names = method_setting_names(method)
     return {name: own.pop(name) for name in list(own) if name.split(".", 1)[0] in names}
 

@@ -1,7 +1,7 @@
 """Registers the keypoint detector ``mediapipe-hands``: MediaPipe Hands, 21 landmarks of each hand in an image.
 
-F. Zhang et al., MediaPipe Hands: On-device Real-time Hand Tracking (2020). Its models are those that the package of the
-extra ``mediapipe`` ships. Which hand is a left one is not used: the tracker decides it in space.
+F. Zhang et al., MediaPipe Hands: On-device Real-time Hand Tracking (2020). The package of the extra
+``mediapipe`` ships its models. Which hand is a left one is not used: the tracker decides it in space.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class MediaPipeHands:
 def seen_hands(marks: Any, sides: Any, size_px: tuple[int, int]) -> SeenPeople:
     """Return hands from MediaPipe's landmarks.
 
-    A landmark has no confidence of its own: it gets the hand's, with which the model tells the side.
+    A landmark has no confidence of its own: it gets the hand's, the confidence of its side.
 
     Args:
         marks: list of hands with ``landmark``, each with x and y, 0 to 1 from edge to edge; None if there is no hand.

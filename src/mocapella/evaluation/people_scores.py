@@ -29,7 +29,7 @@ SAME_M: Final = 0.5
 WRONG_M: Final = 0.05
 """A measured joint farther off than this is falsely measured [m]."""
 AFTER_NS: Final = 1_000_000_000
-"""Time from which people are expected and false people are counted [ns]."""
+"""Time after which people are expected and false people are counted [ns]."""
 _FAR_M: Final = 9.0
 """Mean distance that people without a common keypoint get [m]."""
 

@@ -88,7 +88,7 @@ class LandmarkLines(msgspec.Struct, frozen=True, eq=False):
         return np.asarray(np.isfinite(self.lines).all(axis=-1) & (self.sds_rad > 0))
 
     def without(self, landmarks: Bool) -> LandmarkLines:
-        """Return the lines without those of the given landmarks, (landmarks,) bool."""
+        """Return the lines without the given landmarks' lines, (landmarks,) bool."""
         return LandmarkLines(np.where(landmarks[:, None, None], np.nan, self.lines), self.origins, self.sds_rad)
 
     def sds_m(self, points: Float64) -> Float64:
@@ -97,7 +97,7 @@ class LandmarkLines(msgspec.Struct, frozen=True, eq=False):
 
 
 class MeetingPoints(msgspec.Struct, frozen=True, eq=False):
-    """Points in which lines of several cameras meet.
+    """Points where lines of several cameras meet.
 
     Attributes:
         points: (landmarks, 3) world [m]; NaN where fewer than two lines meet.
@@ -116,7 +116,7 @@ class MeetingPoints(msgspec.Struct, frozen=True, eq=False):
 
 
 def meeting_points(given: LandmarkLines, expected: Float64, settings: KeypointLineSettings = DEFAULT) -> MeetingPoints:
-    """Find for each landmark the point in which most lines meet; of several, the one nearest to the expected position.
+    """Find for each landmark the point where most lines meet; of several, the one nearest to the expected position.
 
     Every pair of lines gives a candidate (M. Fischler, R. Bolles, "Random sample consensus", CACM 24, 1981, with all
     samples); the point is then the one nearest to all lines that agree.

@@ -72,7 +72,7 @@ def track_films(
 
 
 def _counts(frames: Frames, scenes: Sequence[Any]) -> FilmCounts:
-    """Return the counts of a run; an instant is tracked if somebody is in the scene of a frame of its last camera."""
+    """Return the counts of a run; an instant is tracked if a person is in the scene of a frame of its last camera."""
     last = sorted(frames)[-1]
     ends = [scene for scene in scenes if scene.sensor == last]
     return FilmCounts(

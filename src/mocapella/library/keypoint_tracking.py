@@ -61,7 +61,7 @@ def wrong_up(upright: Float64) -> str:
     """Return a sentence if people do not stand along the world's y axis, with the remedy; empty if they do.
 
     Args:
-        upright: (3,) mean or sum of the vectors from people's ankles to their necks, world [m]; 0 if nobody was seen.
+        upright: (3,) mean or sum of the vectors from people's ankles to their necks, world [m]; 0 without a person.
     """
     axis = int(np.abs(upright).argmax())
     if not upright.any() or (axis == 1 and upright[1] > 0):

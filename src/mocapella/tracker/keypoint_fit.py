@@ -4,7 +4,7 @@
     given += keypoints.constraints(stands, moved)          for each pose fit, after `judge`
 
 A keypoint that the image contradicts in every camera is left out: its pixel shows the background, in a colour that
-nothing of the body has. A limb in the colour of what is behind it is therefore never contradicted.
+nothing of the body has. A limb in the colour of its background is therefore never contradicted.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ class KeypointFit:
     def away_m(self, stands: Standing, limit_sd: float = MISPLACED_SD) -> Float64 | None:
         """Return how far parts (parts,) are from where their lines meet [m]; None without keypoints.
 
-        It is the largest distance of the misplaced landmarks of a part and of those that it carries; else 0, as of the
-        trunk.
+        It is the largest distance of the misplaced landmarks of a part, or of a part that it
+        carries; else 0, as of the trunk.
 
         Args:
             stands: the body.
@@ -129,9 +129,9 @@ class KeypointFit:
         return np.asarray(self._met.known & self._of_limbs & ~self.supported(landmarks))
 
     def counting(self, planes: InPlanes, stands: Standing) -> InPlanes:
-        """Return the planes of an outline without those of limbs that keypoints show elsewhere.
+        """Return the planes of an outline without the planes of limbs that keypoints show elsewhere.
 
-        Outlines are matched near the model; what is near a misplaced limb is another thing's edge.
+        Outlines are matched near the model; an edge near a misplaced limb is another thing's.
 
         Args:
             planes: of `SilhouetteCamera.planes`.

@@ -1,7 +1,7 @@
 """Keypoints of people beside the images of the method ``silhouettes``: waiting frames, and whose keypoints they are.
 
 waiting.add(frame, at_ns)                           a camera's keypoints, before its image
-seen  = waiting.take("left", image_ns, within_ns)   those of the image's time
+seen  = waiting.take("left", image_ns, within_ns)   of the image's time
 lines = lines_of_bodies(seen, places, eyes)         of each body, by `mocapella.kinematics.keypoint_lines`
 """
 

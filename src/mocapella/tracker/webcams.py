@@ -72,7 +72,7 @@ class WebcamsTracker:
         sensors_expected: number of cameras to wait for, at least two, limited to the number in a given rig.
 
     Attributes:
-        rig: the rig in use; without cameras as long as they are not calibrated.
+        rig: the rig in use; without cameras until these are calibrated.
 
     Raises:
         SettingsError: the rig has fewer than two cameras, or all are at one place.

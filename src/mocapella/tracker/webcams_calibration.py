@@ -117,7 +117,7 @@ class SelfCalibration:
         )
 
     def places(self, placed: tuple[SensorPlace, ...]) -> tuple[SensorPlace, ...]:
-        """Return sensors' places of the rig in use with their quality in words; a guessed scale is said."""
+        """Return sensors' places of the rig in use with their quality in words; a guessed scale is named."""
         if self._used is None:
             return placed
         scale = f"; scale guessed ± {100 * self._used.scale_sd:.0f} %" if self._used.guessed else ""
@@ -167,7 +167,7 @@ def _worst(found: RigFromPeople) -> tuple[float, float]:
 def in_world_of(rig: CameraRig, other: CameraRig) -> CameraRig:
     """Return a rig in the world of another one, moved along the floor and turned about y so that cameras fit best.
 
-    Upward and the height of the floor stay those of ``rig``. With fewer than two cameras in common it is unchanged.
+    Upward and the height of the floor stay as in ``rig``. With fewer than two cameras in common it is unchanged.
     """
     shared = [name for name in rig.cameras if name in other.cameras]
     if len(shared) < 2:

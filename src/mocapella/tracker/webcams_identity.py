@@ -115,7 +115,7 @@ class Identities:
             self._next += 1
 
     def _replaced(self, people: PeopleArrays, row: int, at_s: float, agreed: Bools) -> int:
-        """Return the row of a person hardly seen any more who is the candidate; −1 for none."""
+        """Return the row of the person hardly seen any more that the candidate is; −1 for none."""
         best, found = math.inf, -1
         for other in np.flatnonzero((people.ids >= 0) & (people.cameras < 2)).tolist():
             if (agreed[row] & agreed[other]).any():  # one camera sees both

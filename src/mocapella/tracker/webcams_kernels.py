@@ -65,13 +65,13 @@ RUNNING_M_S = 3.0
 REFUTED_S = 1.0
 """A person whom at most one camera sees, and two others should see, is lost after this time [s]."""
 REFUTED_WEIGHT = 0.2
-"""Weight of an instant in the running means of whether a camera sees nobody."""
+"""Weight of an instant in the running means of whether a camera sees no person."""
 MOST_REFUTING = 1.5
-"""Number of cameras that see nobody at a place from which one or two others do not suffice."""
+"""Number of cameras that see no person at a place, above which one or two others do not suffice."""
 SURE_CAMERAS = 3
 """Number of cameras that together hardly ever see strangers on one line."""
 LEAST_SURE = 3
-"""Number of instants in which three cameras agree about a person, from which two suffice later on."""
+"""Number of instants when three cameras agree about a person, after which two suffice."""
 HIDDEN_SHARE = 0.3
 """Share of a person's joints within another detection above which that may hide the person."""
 LEAST_SEEN_PX = 24.0
@@ -288,7 +288,7 @@ def follow(people: PeopleArrays, p: int, at_s: float, before: Float64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def refuting(people: PeopleArrays, p: int) -> float:
-    """Return the number of cameras that look at a person, unhidden, and see nobody: a sum of running means.
+    """Return the number of cameras that look at a person, unhidden, and see no person: a sum of running means.
 
     Args:
         people: see the module.
@@ -585,7 +585,7 @@ def count_refuting(
     people: PeopleArrays, p: int, pixels: Float64, rays: Rays, cameras: CameraArrays, matches: Matches,
     delivered: Bools,
 ) -> None:  # fmt: skip
-    """Follow which cameras look at a person and see nobody there, although no other detection hides the person.
+    """Follow which cameras look at a person and see no person there, although no other detection hides the person.
 
     Args:
         people, rays, cameras, matches: see the module.

@@ -37,7 +37,7 @@ class PeopleArrays(NamedTuple):
         doubts: (people,) number of successive instants when two cameras saw the person and did not agree.
         turned: (people,) running mean of the share of the person's detections that are used with left and right
             swapped.
-        sure: (people,) number of instants in which three cameras agreed.
+        sure: (people,) number of instants when three cameras agreed.
         refuted: (people, cameras) running mean of whether the camera looks at the person, unhidden, and sees
             nobody; NaN before the first image that tells.
         cameras: (people,) number of cameras that saw the person in the last instant.
@@ -46,7 +46,7 @@ class PeopleArrays(NamedTuple):
         velocities: (people, 26, 3) [m/s].
         support: (people, 26) number of cameras that agree about the joint.
         measured_s: (people, 26) last time that two cameras agreed about the joint [s].
-        unpredicted: (people, 26) running mean of the squared speed by which predictions of the joint are wrong, of one
+        unpredicted: (people, 26) running mean of the squared speed of the joint's prediction errors, of one
             coordinate [m²/s²]; NaN before the first.
         lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
         lengths_seen: (people, bones) number of their measurements.

@@ -36,8 +36,8 @@ class WebcamsSettings:
             are shown as measured [m].
         measured_s: a joint that two cameras saw within this time, and one sees now, is measured; larger: cameras of
             low or different rates measure more joints [s].
-        slow_error_s: time in which the error of a keypoint changes; larger: larger standard deviations are stated, and
-            fewer joints are measured [s].
+        slow_error_s: time over which the error of a keypoint changes; larger: larger standard deviations, and fewer
+            measured joints [s].
         late_s: a frame that is older than the newest by more than this is not used; larger: slower cameras are used,
             with larger errors of moving people [s].
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
