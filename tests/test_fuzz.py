@@ -57,6 +57,7 @@ NO_DOOR = {
     "recording/merge.py:remove_leftovers": "a list of names, decoded as in every take",
     "sources/bridge.py:Bridge._read": "hands what it receives to the reader behind the door bridge stream",
     "sources/datagram_sockets.py:receive": "reads times of the kernel",
+    "sources/depth_cameras/device.py:bgr": "of a camera's driver, in this process",
     "sources/depth_cameras/openni.py:OpenNiCamera._next": "of a camera's driver, in this process",
     "sources/depth_cameras/orbbec.py:OrbbecCamera._next": "of a camera's driver, in this process",
     "sources/simulate/depth_scene.py:_data": "reads a file of this program",

@@ -107,7 +107,8 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
         (["--rig", "old.json", "--method", "hands"], "old.json: is a sensor layout; use --set layout=FILE"),
         (
             ["--rig", "rig.toml", "--method", "stand-still"],
-            "the method stand-still wants no such file; methods that do: arms, default, hands, silhouettes",
+            "the method stand-still wants no such file; methods that do: arms, default, hands, one-webcam, "
+            "silhouettes, webcams",
         ),
         (["--rig", "rig.toml"], "settings of silhouettes"),
         (["--method", "defalt"], "did you mean default?"),

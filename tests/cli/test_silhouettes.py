@@ -127,7 +127,7 @@ def test_videos_and_models_that_cannot_be_used_are_one_line(folder):
     (folder / "text.avi").write_text("no video")
     for arguments, said in (
         ((), "no videos are named"),
-        (("c1", "no.avi", *GIVEN), "the rig has no such camera; the rig's are c1, c2, c3"),
+        (("c1", "wide.avi", *GIVEN), "the rig has no such camera; the rig's are c1, c2, c3"),
         (("c1", "c2=no.avi", *GIVEN), "no.avi: is not there"),
         (("c1", "c2=text.avi", *GIVEN), "text.avi: is no video that can be read"),
         (

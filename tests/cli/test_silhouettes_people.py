@@ -216,7 +216,7 @@ def test_all_people_are_detected_in_the_films_without_a_start(folder, monkeypatc
         made.append(Detector(list(SCENE.rig.cameras.values())[len(made)]))
         return made[-1]
 
-    monkeypatch.setattr("mocapella.cli.node_keypoints.opened_detector", opened)
+    monkeypatch.setattr("mocapella.cli.keypoint_options.opened_detector", opened)
     found = result_here(folder, "track", "silhouettes", *FILMS, "--set", "detector=stand-in")
     assert len(made) == 3
     assert sorted(found["people"]) == ["person_0", "person_1"]

@@ -54,7 +54,7 @@ def test_a_version_without_models_says_what_would_work(tmp_path: Path) -> None:
 
 
 def test_a_detector_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="mediapipe, onnx"):
+    with pytest.raises(SettingsError, match="mediapipe, mediapipe-hands, onnx"):
         make_keypoint_detector("mediapip")
     with pytest.raises(SettingsError, match="most_peple"):
         make_keypoint_detector("mediapipe", {"most_peple": 1})

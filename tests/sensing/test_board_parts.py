@@ -129,17 +129,19 @@ def test_a_charuco_board_is_there_from_so_many_corners_on(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     ("shown", "said"),
-    [((5, 5), True), ((4, 5), False), ((5, 4), False), ((7, 5), True)],
+    [((5, 5), True), ((5, 4), False), ((7, 5), True), ((6, 5), True)],
 )
 def test_another_chessboard_is_named_unless_its_corners_are_as_many(
     monkeypatch: pytest.MonkeyPatch, shown: tuple[int, int], said: bool
 ) -> None:
-    monkeypatch.setattr(boards, "_largest_chessboard", lambda gray, least: (True, None, shown))
-    told = boards._other_chessboard(np.zeros((9, 9), np.uint8), CHESS)
-    across, down = max(shown) + 1, min(shown) + 1
-    assert told == (f"there is one of {across} × {down} squares: set columns and rows so" if said else "")
-    monkeypatch.setattr(boards, "_largest_chessboard", lambda gray, least: (False, None, shown))
-    assert not boards._other_chessboard(np.zeros((9, 9), np.uint8), CHESS)
+    images = [np.zeros((9, 9), np.uint8)]
+    monkeypatch.setattr(boards, "chessboard_size", lambda gray: shown)
+    across, down = shown[0] + 1, shown[1] + 1
+    inner = " (columns and rows count squares, not inner corners)" if shown == (6, 5) else ""
+    told = f"there is one of {across} × {down} squares: set columns and rows so{inner}"
+    assert boards._other_chessboard(images, CHESS) == (told if said else "")
+    monkeypatch.setattr(boards, "chessboard_size", lambda gray: None)
+    assert not boards._other_chessboard(images, CHESS)
 
 
 def drawn_at(board: Board, square_px: int = 40, border: int = 40) -> tuple[np.ndarray, np.ndarray]:

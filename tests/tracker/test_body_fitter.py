@@ -377,7 +377,7 @@ def test_a_deviation_from_the_prediction_counts_as_the_acceleration_that_it_is(
 ) -> None:
     """Of a fall, and in whatever intervals frames come."""
     given: list[tuple[float, float]] = []
-    monkeypatch.setattr(SurfacePrior, "expect", lambda _self, _at, since_s, per_s2: given.append((since_s, per_s2)))
+    monkeypatch.setattr(SurfacePrior, "expect", lambda _self, _at, since_s, per_s2, *_: given.append((since_s, per_s2)))
     tracker, pose, last_ns = BodyFitter(ROOM.mesh, ROOM.rig), squat(0), round(before_s * 1e9)
     tracker.start(pose, 0)
     tracker._past = [(0, pose), (last_ns, pose)]

@@ -112,7 +112,7 @@ def test_a_hand_that_one_camera_sees_is_inferred() -> None:
     for scene in scenes[34:]:
         assert (of_side(scene, left=True).states == JointState.INFERRED).all()
         assert (of_side(scene, left=False).states == JointState.TRACKED).any()
-    assert np.median(errors_of(scenes[34:], both)[True]) < 0.06
+    assert np.median(errors_of(scenes[34:], both)[True]) < 0.07
 
 
 def test_a_hand_that_only_one_camera_ever_saw_begins_at_its_wrist_and_is_inferred() -> None:

@@ -9,14 +9,8 @@ import typer
 
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, read_settings, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
-from mocapella.cli.node_keypoints import (
-    KeypointDetectorName,
-    KeypointNodeKeys,
-    ModelFile,
-    camera_source,
-    opened_detector,
-    serve_keypoints,
-)
+from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, opened_detector
+from mocapella.cli.node_keypoints import KeypointNodeKeys, camera_source, serve_keypoints
 from mocapella.cli.nodes import (
     DELAY_MS,
     LINGER,

@@ -7,12 +7,13 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from mocapella.cli.command_settings import SettingsFile, lines_of_dataclass, read_keys, read_settings, set_option
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, need_cameras, say, write_json
+from mocapella.cli.command_settings import SettingsFile, read_keys, read_settings, set_option
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, say, write_json
+from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.nodes import (
     DROP_AFTER_MS,
     LINGER,
@@ -27,50 +28,12 @@ from mocapella.cli.nodes import (
 )
 from mocapella.cli.pictures import FOURCC, Fps, Size, tell_state, wishes
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError, SettingsError
+from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.detectors.keypoint_detector import PeopleDetector
 
-DEFAULT_KEYPOINTS: Final = "mediapipe"
 _NUMBER: Final = re.compile(r"[0-9]{1,3}")
-
-
-def _list_detectors(name: str | None) -> str | None:
-    """Return the name of a keypoint detector; for ``help``, list all, and exit."""
-    if name == "help":
-        from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
-
-        for one in KEYPOINT_DETECTORS.values():
-            missing = one.missing()
-            typer.echo(f"{one.name}: {one.summary}" + (f"\n    {missing}" if missing else ""))
-        raise typer.Exit
-    return name
-
-
-KeypointDetectorName = Annotated[
-    str | None,
-    typer.Option(
-        "--detector",
-        metavar="NAME",
-        help="Detector of keypoints; `--detector help` lists the detectors.",
-        show_default=False,
-        callback=_list_detectors,
-    ),
-]
-ModelFile = Annotated[
-    Path | None,
-    typer.Option("--model", metavar="FILE", help="The detector's model: an ONNX file, or a .task of MediaPipe."),
-]
-
-
-def detector_keys(context: typer.Context) -> Iterator[str]:
-    """Yield lines of ``--set help``: settings of the detector that ``--detector`` names before it."""
-    from mocapella.detectors.keypoint_detector import KEYPOINT_DETECTORS
-
-    name = str(context.params.get("detector") or DEFAULT_KEYPOINTS)
-    title = f"Settings of the detector {name} (of another: --detector NAME --set help):"
-    yield from lines_of_dataclass(KEYPOINT_DETECTORS.find(name).settings(), title)
 
 
 @dataclass(frozen=True)
@@ -164,27 +127,6 @@ def _serve_simulated(
         serve_frames(
             frames, name or camera.name, connect, zero, json, wait=wait, disk=disk, on_question=pictures.ask
         )  # fmt: skip
-
-
-def opened_detector(verb: str, name: str | None, model: Path | None, settings: Mapping[str, Any]) -> PeopleDetector:
-    """Make the keypoint detector of a command's options.
-
-    Args:
-        verb: the command, for an error.
-        name: name of the detector; None for the default.
-        model: the model's file; None without.
-        settings: the detector's settings by name, as texts of ``--set``.
-
-    Raises:
-        SettingsError, InputError: as in `mocapella.detectors.keypoint_detector.make_keypoint_detector`.
-    """
-    need_cameras(verb)
-    from mocapella.detectors.keypoint_detector import make_keypoint_detector
-
-    try:
-        return make_keypoint_detector(name or DEFAULT_KEYPOINTS, settings, model)
-    except ImportError as error:
-        raise InputError(f"the detector {name or DEFAULT_KEYPOINTS} cannot be loaded ({error})") from error
 
 
 def camera_source(text: str) -> str:

@@ -11,7 +11,7 @@ import typer
 from mocapella.cli.arm import Intrinsics, Unit
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
 from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, parse_size, say, write_json
-from mocapella.cli.node_keypoints import KeypointDetectorName, ModelFile, detector_keys, opened_detector
+from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, NodeKeys
 from mocapella.cli.pictures import Fps, Size
 from mocapella.errors import SettingsError

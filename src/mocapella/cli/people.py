@@ -27,7 +27,7 @@ from mocapella.cli.common import (
     say,
     write_json,
 )
-from mocapella.cli.node_keypoints import KeypointDetectorName, ModelFile, detector_keys, opened_detector
+from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.pictures import Fps
 
 if TYPE_CHECKING:

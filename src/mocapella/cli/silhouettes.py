@@ -281,7 +281,7 @@ def with_films(
         return starts
     finds = people.finds
     if finds is not None:
-        from mocapella.cli.node_keypoints import opened_detector
+        from mocapella.cli.keypoint_options import opened_detector
 
         (name,) = finds.values()
         finds = {camera: opened_detector("track silhouettes", name, None, {}) for camera in shown.rig.cameras}

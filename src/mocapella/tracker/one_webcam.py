@@ -175,8 +175,7 @@ class OneWebcamTracker:
         m, frame = self._memory, arrival.frame
         if problem := self._problem(frame):
             m.rejected[problem] = m.rejected.get(problem, 0) + 1
-        else:
-            assert isinstance(frame, KeypointFrame)
+        elif isinstance(frame, KeypointFrame):  # others are for the take only
             m.sensor, m.newest = frame.sensor, (frame.node_id, frame.time_ns)
             self._shown = self._track(frame, arrival.at_ns / NS_PER_S)
         step, m.steps = m.steps, m.steps + 1

@@ -238,10 +238,10 @@ class WebcamsTracker:
         A frame that completes no instant gives people predicted to its time. A frame that cannot be used is counted in
         `report` and changes nothing.
         """
-        frame: Any = arrival.frame
+        frame = arrival.frame
         if problem := self._problem(frame, arrival.at_ns):
             self._rejected[problem] += 1
-        else:
+        elif isinstance(frame, KeypointFrame):  # others are for the take only
             self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
             self._calibrate(frame, arrival.at_ns)
             known = frame.sensor in self._column

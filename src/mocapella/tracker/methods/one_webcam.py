@@ -35,8 +35,14 @@ def _practice() -> tuple[Tracker, Iterable[Arrival]]:
     kind = topology("mediapipe_pose")
     body = np.random.default_rng(1).uniform(-0.5, 0.5, (1, len(kind), 3))
     seen = 320 + 500 * body[..., :2] / (3 + body[..., 2:])
-    frame = keypoint_frame("warm-up", kind, time_ns=1, size_px=(640, 640), positions_px=seen, relative=body)
-    return OneWebcamTracker(), [Arrival(frame, 1)]
+    arrivals = []
+    for k in range(3):
+        at_ns = 1 + 33_000_000 * k
+        frame = keypoint_frame(
+            "warm-up", kind, time_ns=at_ns, size_px=(640, 640), positions_px=seen, relative=body, sequence=k
+        )
+        arrivals.append(Arrival(frame, at_ns))
+    return OneWebcamTracker(), arrivals
 
 
 METHOD: Final = Method(
