@@ -179,12 +179,15 @@ def test_every_attribute_of_what_remembers_is_in_the_memory_or_is_made_anew(whol
     camera = fitter._cameras["c1"]
     for part, made_anew in (
         (tracker, {"bodies", "rig", "_waiting", "_sync", "_fitters", "_presence", "_conditions", "_rig_check", "_room",
-                   "_scenes", "_places", "seen", "_support", "_sizes"} | set(_own_memory())),
+                   "_scenes", "_places", "seen", "_support", "_sizes", "_keypoints"} | set(_own_memory())),
+        (tracker._keypoints, {"_waiting"}),
         (tracker._sync, {"settings", "_names", "_cameras", "_first_ns", "_now_ns", "_last_ns", "used", "dropped"}),
         (tracker._fitters, {"fitters", "others", "_followed"}),
         (fitter, {"settings", "mesh", "body", "eyes", "_usual", "_past", "_missed", "_as_expected", "_dead", "_surface",
                   "_limb_recovery", "_cameras", "_support", "_there", "_hidden_parts", "_just_found",
-                  "_stillness"}),
+                  "_stillness", "_keypoints"}),
+        (fitter._keypoints, {"_body", "_settings", "_part", "_parents", "_of_limbs", "_trunk", "_seen", "_expected",
+                             "_contradicted", "_lines", "_met"}),
         (fitter._support, {"_least_nats", "parts", "_part", "_count"}),
         (fitter._stillness, {"_body", "_points", "_part", "_parts", "_skin_part", "_still", "_anchors", "_settling",
                              "_last", "_start", "_near_start", "_witnesses"}),

@@ -39,7 +39,7 @@ METHOD: Final = Method(
     parts=("people", "hands"),
     make=_make,
     warm_up_run=_practice,
-    kernels=118,
+    kernels=175,
     camera_rig="optional",
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
 )
