@@ -15,7 +15,7 @@ from support import study_examples as examples
 from mocapella.calibration.centre_and_angle import world_from_sensor
 from mocapella.errors import RecordingError, SettingsError, TakeExistsError
 from mocapella.geometry import rigid
-from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, TrackedArm, TrackerState
+from mocapella.model.scene import Person, Phase, PotentialSkeleton, Scene, SensorPlace, TrackedArm, TrackerState
 from mocapella.model.session import Setup
 from mocapella.model.study_log import YEAR_1_TO_1970_MS
 from mocapella.model.topology import Topology, topology
@@ -73,6 +73,17 @@ def test_the_reference_view_is_in_its_own_camera_space_and_the_others_come_to_it
     np.testing.assert_allclose(other.positions, expected, atol=1e-5)
     assert [own.kinect_id, other.kinect_id] == ["b", "a"]
     assert [own.skeleton_id, other.skeleton_id] == [0, 1]
+
+
+def test_all_rows_are_in_the_reference_sensors_space_also_of_people_whom_it_does_not_see() -> None:
+    T_world_c = world_from_sensor([0.4, 0.0, 2.0], 0.7)
+    seen = msgspec.structs.replace(two_views(), sensors=(SensorPlace("a", None), SensorPlace("c", T_world_c)))
+    of_a, of_b = rows(seen, "c", fixed=True)
+    expected = rigid.apply(rigid.inverse(T_world_c), seen.people[0].views[0].positions)
+    np.testing.assert_allclose(of_a.positions, expected, atol=1e-5)
+    assert [of_a.skeleton_id, of_b.skeleton_id] == [1, 2]
+    for reference in ("a", "unknown"):  # the person is seen by it, or its pose is unknown
+        assert [row.skeleton_id for row in rows(seen, reference, fixed=True)] == [0, 1]
 
 
 @given(angle=angles, centre=st.tuples(metres, metres, metres))
