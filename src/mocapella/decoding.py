@@ -598,11 +598,10 @@ def decode_pickled_texts(data: bytes, *, file: object = None, fix: str | None = 
     marks: list[int] = []
     memo: dict[int, Any] = {}
     try:
-        for code, argument, _ in pickletools.genops(data):
-            if code.name == "STOP":
-                return stack.pop()
-            _apply_pickled(code.name, argument, stack, marks, memo)
-        raise ValueError("it has no end")
+        for code, argument, _ in pickletools.genops(data):  # raises a ValueError where there is no STOP
+            if code.name != "STOP":
+                _apply_pickled(code.name, argument, stack, marks, memo)
+        return stack.pop()
     except FAULTS as error:
         raise InputError(f"has names that cannot be read: {error}", file=file, fix=fix) from None
 

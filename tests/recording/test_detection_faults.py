@@ -9,9 +9,17 @@ from typing import Any
 
 import h5py
 import numpy as np
+import polars as pl
 import pytest
 
-from mocapella.decoding import Hdf5, decode_pickled_texts
+from mocapella.decoding import (
+    DEEPEST,
+    MOST_TOML_BYTES,
+    Hdf5,
+    ParquetTable,
+    decode_pickled_texts,
+    decode_xml,
+)
 from mocapella.errors import InputError
 from mocapella.recording.detection_files import read_detections
 from mocapella.recording.image_tracks_file import read_image_tracks
@@ -160,7 +168,7 @@ def test_names_without_a_number_and_lists_of_no_people_are_refused(tmp_path: Pat
 
 def test_a_frame_of_a_table_is_a_whole_number(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
-    path.write_text("frame,camera,point,x_px,y_px\n0.5,a,b,1,2\n")
+    path.write_text("frame,camera,person,point,x_px,y_px\n0.5,a,c,b,1,2\n")
     with pytest.raises(InputError, match="not a whole number"):
         read_detections([path])
 
@@ -168,3 +176,34 @@ def test_a_frame_of_a_table_is_a_whole_number(tmp_path: Path) -> None:
 def test_a_declared_order_holds_for_images_without_people(tmp_path: Path) -> None:
     (found,) = read_detections([openpose(tmp_path / "a")], order="COCO_18")
     assert len(found.frames[0].ids) == 0
+
+
+def test_files_without_a_frame_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the files have no frame"):
+        read_detections([h5(tmp_path / "cam.h5", tracks=np.ones((1, 2, 2, 0)), node_names=NODES)])
+
+
+def test_values_of_another_file_are_not_followed(tmp_path: Path) -> None:
+    layout = h5py.VirtualLayout((1, 2, 2, 3), "<f8")
+    layout[:] = h5py.VirtualSource(str(h5(tmp_path / "other.h5", tracks=TRACKS)), "tracks", (1, 2, 2, 3))
+    with h5py.File(h5(tmp_path / "cam.h5", node_names=NODES), "a") as file:
+        file.create_virtual_dataset("tracks", layout)
+    with pytest.raises(InputError, match="its values are in another file"):
+        read_detections([tmp_path / "cam.h5"])
+
+
+def test_an_absent_parquet_file_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.parquet"):
+        ParquetTable(pl, tmp_path / "absent.parquet", fix=FIX)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"<a>" + b" " * MOST_TOML_BYTES + b"</a>", "it has more than"),
+        (b"<a>" * (DEEPEST + 1) + b"</a>" * (DEEPEST + 1), "nested deeper"),
+    ],
+)
+def test_xml_beyond_the_limits_is_refused(text: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        decode_xml(text)
