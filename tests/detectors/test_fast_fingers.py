@@ -36,7 +36,7 @@ def none_of(ends: np.ndarray, tips: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_finger_that_is_stretched_within_an_image_or_two_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Processors round differently, so that one finger may be missed in one clip of three, and which one differs."""
+    """Processors round differently: on some, one finger of the first clip is missed for an image."""
     missed = {"with": [0, 0, 0], "without": [0, 0, 0]}
     for seed in range(3):
         camera, shots = clip("cloth", seed, 140 / 30, 175 / 30)
@@ -46,8 +46,9 @@ def test_a_finger_that_is_stretched_within_an_image_or_two_is_followed(monkeypat
         with monkeypatch.context() as patch:
             patch.setattr(arm_following, "unexplained", none_of)
             missed["without"][seed] = score(KinematicArmDetector(camera), shots).misdetected.of_joints
-    assert sum(count > 0 for count in missed["with"]) <= 1
-    assert sum(missed["with"]) <= min(2, sum(missed["without"]))
+    assert missed["with"][1:] == [0, 0]
+    assert missed["with"][0] <= min(2, missed["without"][0])
+    assert sum(missed["with"]) <= sum(missed["without"])
 
 
 @pytest.mark.parametrize(("cost", "taken"), [(0.17, True), (0.19, False)])
