@@ -57,7 +57,7 @@ BEGINS_NS: Final = 1_425_200_400 * NS_PER_S
 """Unix time of the first frame of every session, a morning of March 2015 [ns]; the simulation has no date."""
 ONE_CALIBRATION: Final = StandStillTrackerSettings(regain_within_m=float("inf"), centre_of="seen")
 """The thesis' logs have one calibration for each file: a lost participant is the same wherever seen again. The centre
-is of all seen joints: of the tracked alone, Δy at 90° is four times the recorded one (docs/evaluation.md)."""
+is of all seen joints: of the tracked alone, Δy at 90° is larger than the recorded one (docs/evaluation.md)."""
 MOST_SEEDS: Final = 1000
 _STEP_M: Final = 0.35
 STILL_S: Final = (8.0, 16.0, 32.0)
