@@ -13,7 +13,7 @@ import pytest
 from support.syntax import nodes_of
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "mocapella"
-DOOR = "decoding.py"
+DOOR = "decoding/"
 
 UNSAFE = {
     "msgspec": {"convert"},
@@ -100,7 +100,7 @@ def found() -> set[str]:
     return {
         f"{place}: {what}"
         for place, path in places.items()
-        if place != DOOR
+        if not place.startswith(DOOR)
         for what in unsafe(path.read_text(encoding="utf-8"))
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ import mocapella
 from mocapella.errors import InputError, MocapellaError, SettingsError
 from mocapella.geometry.rigid import rigid
 from mocapella.geometry.twists import exp_twist
+from mocapella.library import people_triangulation
 from mocapella.library.keypoint_tracking import UP
 from mocapella.library.people_files import export_of, with_names_of
+from mocapella.library.people_report import PeopleReport, people_report
 from mocapella.library.people_triangulation import TriangulatedPeople, triangulate_people
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.topology import topology
@@ -159,6 +162,22 @@ def test_a_camera_that_moved_is_named(folder: Path, found: TriangulatedPeople) -
     rig = moved(load_camera_rig(folder / "rig.toml"), "cam-2", [0.0, 0.0, 0.0, 0.0, 0.6, 0.0])
     said = triangulate_people(folder, rig, fps=RATE_HZ).notes
     assert any(note.startswith("camera cam-2:") and "moved after the calibration" in note for note in said), said
+
+
+def test_frames_without_a_scene_are_left_out_of_the_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[Any, ...]] = []
+
+    def noted(*arguments: Any) -> PeopleReport:
+        given.append(arguments)
+        return people_report(*arguments)
+
+    monkeypatch.setattr(people_triangulation, "people_report", noted)
+    triangulate_people(folder, folder / "rig.toml", fps=RATE_HZ)
+    arrivals, scenes, rig = given[0]
+    assert len(arrivals) == len(scenes) == 4 * FRAMES
+    rest = [*scenes[:20], *scenes[30:]]
+    own = people_report([*arrivals[:20], *arrivals[30:]], rest, rig)
+    assert people_report(arrivals, rest, rig) == own != people_report(arrivals, scenes, rig)
 
 
 def test_a_wrong_rig_is_named(folder: Path) -> None:

@@ -12,14 +12,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from mocapella.decoding import (
-    DEEPEST,
-    MOST_TOML_BYTES,
-    Hdf5,
-    ParquetTable,
-    decode_pickled_texts,
-    decode_xml,
-)
+from mocapella.decoding import DEEPEST, MOST_TOML_BYTES, decode_xml
+from mocapella.decoding.hdf5 import Hdf5, decode_pickled_texts
+from mocapella.decoding.parquet import ParquetTable
 from mocapella.errors import InputError
 from mocapella.recording.detection_files import read_detections
 from mocapella.recording.image_tracks_file import read_image_tracks

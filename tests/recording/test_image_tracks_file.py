@@ -9,9 +9,12 @@ import pytest
 
 from mocapella.errors import InputError
 from mocapella.model.camera_rig_file import load_camera_rig
-from mocapella.recording.image_tracks_file import BODY_25, BODY_25B, CALISCOPE_COLUMNS, OWN_COLUMNS, read_image_tracks
+from mocapella.model.topology import topology
+from mocapella.recording.image_tracks_file import CALISCOPE_COLUMNS, OWN_COLUMNS, read_image_tracks
 from mocapella.recording.measured_distances import read_measured_distances
 from mocapella.recording.point_recordings import read_point_recording
+
+BODY_25, BODY_25B = topology("body_25").joints, topology("body_25b").joints
 
 OWN = (
     "frame,camera,point,x_px,y_px,confidence,time_s\n7,left,tip,1.5,2,0.5,0.1\n7,right,tip,3,4,1,0.11\n"

@@ -105,7 +105,7 @@ def track_arrivals(
         progress: called with a line about the progress.
 
     Returns:
-        The recording, and the scene of each arrival.
+        The recording, and the scene of each arrival that the tracker could use.
 
     Raises:
         InputError: there are no frames, or none can be tracked; says why.

@@ -93,15 +93,17 @@ def people_report(arrivals: Sequence[Arrival], scenes: Sequence[Scene], rig: Cam
 
     Args:
         arrivals: the keypoint frames; frames of one instant have the same ``sequence``.
-        scenes: the scene of each arrival.
+        scenes: the scenes of these frames; a frame that the tracker could not use has none.
         rig: the cameras.
     """
     last: dict[int, Scene] = {}
     frames: dict[int, list[KeypointFrame]] = {}
-    for arrival, scene in zip(arrivals, scenes, strict=False):
+    scene_of = {(scene.sensor, scene.node_id, scene.sequence): scene for scene in scenes}
+    for arrival in arrivals:
         frame: Any = arrival.frame
-        last[frame.sequence] = scene
-        frames.setdefault(frame.sequence, []).append(frame)
+        if frame.key in scene_of:
+            last[frame.sequence] = scene_of[frame.key]
+            frames.setdefault(frame.sequence, []).append(frame)
     cameras = {name: _Camera(placed) for name, placed in rig.cameras.items()}
     residuals: dict[str, list[Float64]] = {}
     people: dict[str, list[Any]] = {}

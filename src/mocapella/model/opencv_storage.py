@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mocapella.decoding import decode_text, decode_xml
+from mocapella.decoding import decode_xml
 from mocapella.errors import InputError
 from mocapella.geometry.rigid import inverse, rigid
 
@@ -72,7 +72,7 @@ def _xml_value(element: Element, file: object) -> Any:
 def _yaml_values(text: str, file: object) -> Iterator[tuple[str, Any]]:
     """Yield the entries of the first level of OpenCV's YAML."""
     name, lines = "", list[str]()
-    for line in [*decode_text(text).splitlines(), "end:"]:
+    for line in [*text.splitlines(), "end:"]:
         found = _KEY.match(line)
         if found is None:
             lines.append(line)

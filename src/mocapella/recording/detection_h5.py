@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.decoding import Hdf5, decode_pickled_texts
+from mocapella.decoding.hdf5 import Hdf5, decode_pickled_texts
 from mocapella.errors import InputError
 from mocapella.recording.detections import CameraDetections, by_frame, check_detections, detections
 

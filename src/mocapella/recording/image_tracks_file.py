@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from mocapella.decoding import MOST_TABLE_BYTES, check_filled, decode_csv, read_whole
 from mocapella.errors import InputError
 from mocapella.model.point_tracks import ImageTracks
-from mocapella.model.topology import topology
 from mocapella.recording.detection_json import read_json_folder
 from mocapella.recording.detections import AUTO, image_tracks
 
@@ -27,8 +26,6 @@ Progress = Callable[[str], None]
 
 OWN_COLUMNS: Final = ("frame", "camera", "point", "x_px", "y_px")
 CALISCOPE_COLUMNS: Final = ("sync_index", "port", "point_id", "img_loc_x", "img_loc_y")
-BODY_25: Final = topology("body_25").joints
-BODY_25B: Final = topology("body_25b").joints
 
 
 def read_image_tracks(

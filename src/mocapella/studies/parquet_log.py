@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NOT_AVAILABLE
-from mocapella.decoding import ParquetTable
+from mocapella.decoding.parquet import ParquetTable
 from mocapella.errors import InputError, RecordingError
 from mocapella.exports.needs import needed
 from mocapella.exports.new_file import new_file
@@ -19,6 +19,7 @@ from mocapella.model.names import of_cell
 from mocapella.model.study_log import TITLES, StudyLog, StudyRow
 from mocapella.recording import study_columns as columns
 from mocapella.recording.study_log import AT_THE_LENS, FARTHEST, MOST_LEFT_OUT
+from mocapella.studies.cleaning import only
 
 SUFFIX: Final = ".parquet"
 BLOCK_ROWS: Final = 1 << 16
@@ -200,6 +201,4 @@ def _kinects(column: Any) -> tuple[NDArray[np.str_], Bool]:
 def _without(log: StudyLog, left_out: list[int]) -> StudyLog:
     if not left_out:
         return log
-    kept = np.setdiff1d(np.arange(len(log)), left_out)
-    fields = {name: getattr(log, name)[kept] for name in StudyLog.__struct_fields__ if name != "source"}
-    return StudyLog(log.source, **fields)
+    return only(log, np.setdiff1d(np.arange(len(log)), left_out))

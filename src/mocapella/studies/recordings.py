@@ -80,8 +80,7 @@ def _parquet_blocks(path: Path, tell: Tell) -> Iterator[RecordedRows]:
 def _take_blocks(path: Path, tell: Tell) -> Iterator[RecordedRows]:
     from mocapella.studies.take_rows import take_rows
 
-    for block in take_rows(path):
-        yield RecordedRows(block.rows, block.method, block.origin, block.names, block.fused_only)
+    return take_rows(path)
 
 
 def _is_take(path: Path) -> bool:

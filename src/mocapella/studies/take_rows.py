@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ from mocapella.studies.naming import RecordingNames, shown
 from mocapella.studies.participants import number_of
 from mocapella.studies.pooled_tasks import FUSED
 from mocapella.studies.protocol import PlannedTask
+from mocapella.studies.recordings import RecordedRows
 from mocapella.studies.state_file import load_session
 from mocapella.studies.study_folder import LOGS, SESSION
 from mocapella.studies.task_log import task_scenes
@@ -34,24 +35,6 @@ _MS: Final = 1_000_000
 _BLOCK_ROWS: Final = 1000
 
 
-class TakeRows(msgspec.Struct, frozen=True, eq=False):
-    """A block of a take's rows.
-
-    Attributes:
-        rows: the rows; a person's views and the fused person are in one space.
-        method: the tracking method of the rows.
-        origin: what recorded them, with version and settings.
-        names: of the numbers in all blocks of the take.
-        fused_only: whether the take's tasks have logs, which have the pairs of sensors.
-    """
-
-    rows: StudyLog
-    method: str
-    origin: dict[str, Any]
-    names: RecordingNames
-    fused_only: bool
-
-
 class _Labels(msgspec.Struct, frozen=True):
     """Participant, placement and task of a row, as numbers."""
 
@@ -60,7 +43,7 @@ class _Labels(msgspec.Struct, frozen=True):
     task: int
 
 
-def take_rows(path: Path) -> Iterator[TakeRows]:
+def take_rows(path: Path) -> Iterator[RecordedRows]:
     """Yield the views and fused people of a take's results, as rows.
 
     Results in another phase than *tracking* are left out, as are views and persons without a joint. Rows are in the
@@ -147,15 +130,15 @@ def _wall_ns(run: Run) -> int:
 
 def _blocks(
     take: Take, scenes: Iterator[tuple[Run, _Labels, int, Scene]], names: RecordingNames, *, fused_only: bool
-) -> Iterator[TakeRows]:
+) -> Iterator[RecordedRows]:
     reference = min(take.sensors, default="")
     rows: list[StudyRow] = []
     last: Run | None = None
 
-    def block(run: Run) -> TakeRows:
+    def block(run: Run) -> RecordedRows:
         setup = run.info.setup
         origin = {"version": run.info.version, "method": setup.method, "settings": run.info.method_settings}
-        return TakeRows(_log_of(str(take.path), rows), setup.method, origin, names, fused_only)
+        return RecordedRows(_log_of(str(take.path), rows), setup.method, origin, names, fused_only)
 
     for run, labels, unix_ns, scene in scenes:
         if last is not None and rows and (last.number != run.number or len(rows) >= _BLOCK_ROWS):

@@ -1,7 +1,8 @@
 """Decode files and messages from outside within limits; every fault is an `InputError` of one line.
 
-No other module calls the decoders of the libraries (`tests/test_decoding_rule.py`): they raise errors of many types,
-and take as much memory, stack or time as their input asks for. Images are decoded in `mocapella.sensing.images`.
+No other package calls the decoders of the libraries (`tests/test_decoding_rule.py`): they raise errors of many types,
+and take as much memory, stack or time as their input asks for. `hdf5` and `parquet` read formats that need optional
+libraries. Images are decoded in `mocapella.sensing.images`.
 docs/decisions/0024-files-are-doors.md says why.
 """
 
@@ -10,24 +11,20 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-import pickletools
 import re
 import tomllib
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from importlib import import_module
+from collections.abc import Iterator
 from importlib.resources import files
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from types import UnionType
-from typing import Any, BinaryIO, Final, Self, TypeVar, overload
+from typing import Any, BinaryIO, Final, TypeVar, overload
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import msgspec
 
-from mocapella.errors import InputError, MocapellaError, SettingsError
+from mocapella.errors import InputError, MocapellaError
 
 T = TypeVar("T")
 
@@ -48,8 +45,6 @@ FAULTS: Final = (ValueError, TypeError, LookupError, ArithmeticError, AttributeE
 """Exceptions that decoding libraries raise for unusable content."""
 
 _PIECE: Final = 1 << 20
-_LEAST_CELL: Final = 4
-"""Least size of an unpacked number [bytes]."""
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _ZSTD_PIECE: Final = 1 << 10
 """Packed bytes that are unpacked at once; they have at most about 250 blocks of 128 KiB."""
@@ -57,9 +52,6 @@ _ESCAPED: Final = re.compile(rb"(?s)\\.")
 _STRING: Final = re.compile(rb'"[^"]*"?')
 _ROUND: Final = bytes.maketrans(b"{}", b"[]")
 _NO_MARKS: Final = bytes(set(range(256)) - set(b'[]{}"'))
-_PICKLED_VALUES: Final = frozenset(
-    ["NONE", "INT", "BININT", "BININT1", "BININT2", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"]
-)
 _DOTTED: Final = re.compile(r"[^,=\[\]{}\n]+")
 _NOT_64_BITS: Final = "has a whole number of more than 64 bits"
 
@@ -364,55 +356,6 @@ def text_blocks(path: Path, *, fix: str, piece: int = 1 << 20) -> Iterator[str]:
         yield rest.rstrip()
 
 
-class ParquetTable:
-    """A Parquet file that is read in blocks of rows.
-
-    Args:
-        polars: the library, imported.
-        path: the file.
-        fix: advice that errors name.
-
-    Attributes:
-        columns: the names of the file's columns.
-        rows: number of rows.
-
-    Raises:
-        InputError: the file cannot be read, or unpacks to more than `FREE_UNPACKED` and `MOST_RATIO` times its size.
-    """
-
-    def __init__(self, polars: Any, path: Path, *, fix: str) -> None:
-        self._polars, self._path, self._fix = polars, path, fix
-        with self._faults():
-            self._table = polars.scan_parquet(path, glob=False)
-            self.columns: tuple[str, ...] = tuple(self._table.collect_schema().names())
-            self.rows = int(self._table.select(polars.len()).collect().item())
-            size = path.stat().st_size
-        if self.rows * len(self.columns) * _LEAST_CELL > max(FREE_UNPACKED, MOST_RATIO * size):
-            raise InputError(f"unpacks to more than {MOST_RATIO} times its size", file=path, fix=fix)
-
-    def blocks(self, columns: Sequence[str], rows: int) -> Iterator[Any]:
-        """Yield tables of polars with the columns, of so many rows each.
-
-        Raises:
-            InputError: the content is damaged; earlier blocks have been yielded.
-        """
-        for first in range(0, self.rows, rows):
-            with self._faults():
-                yield self._table.select(columns).slice(first, rows).collect()
-
-    @contextmanager
-    def _faults(self) -> Iterator[None]:
-        errors = self._polars.exceptions
-        try:
-            yield
-        except OSError as error:
-            # polars gives its own texts, of several lines, as the error's only argument
-            problem = f"cannot be read: {error.strerror}" if error.strerror else "is damaged, or is no Parquet file"
-            raise InputError(problem, file=self._path, fix=self._fix) from None
-        except (errors.PolarsError, errors.PanicException, *FAULTS):
-            raise InputError("is damaged, or is no Parquet file", file=self._path, fix=self._fix) from None
-
-
 class FileBytes:
     """The bytes of an open file, of any size, as far as a search needs them; not mapped to memory.
 
@@ -582,144 +525,3 @@ def decode_xml(data: bytes | str, *, file: object = None, fix: str | None = None
         raise ValueError(f"it is nested deeper than {DEEPEST} levels")
     except (*FAULTS, ParseError) as error:
         raise InputError(f"is no XML: {error}", file=file, fix=fix) from None
-
-
-def decode_pickled_texts(data: bytes, *, file: object = None, fix: str | None = None) -> Any:
-    """Return lists, tuples, texts and whole numbers of a pickle, as PyTables has in attributes; nothing is executed.
-
-    Args:
-        data: the pickle.
-        file, fix: the file and the advice that errors name; None to leave them out.
-
-    Raises:
-        InputError: it is no pickle, or has a value of another type.
-    """
-    stack: list[Any] = []
-    marks: list[int] = []
-    memo: dict[int, Any] = {}
-    try:
-        for code, argument, _ in pickletools.genops(data):  # raises a ValueError where there is no STOP
-            if code.name != "STOP":
-                _apply_pickled(code.name, argument, stack, marks, memo)
-        return stack.pop()
-    except FAULTS as error:
-        raise InputError(f"has names that cannot be read: {error}", file=file, fix=fix) from None
-
-
-def _apply_pickled(name: str, argument: Any, stack: list[Any], marks: list[int], memo: dict[int, Any]) -> None:
-    """Carry out one operation of a pickle that builds lists, tuples, texts or whole numbers."""
-    if name in _PICKLED_VALUES:
-        stack.append(argument)
-    elif name in ("EMPTY_LIST", "EMPTY_TUPLE"):
-        stack.append([] if name == "EMPTY_LIST" else ())
-    elif name in ("TUPLE1", "TUPLE2", "TUPLE3"):
-        count = int(name[-1])
-        stack[-count:] = [tuple(stack[-count:])]
-    elif name == "MARK":
-        marks.append(len(stack))
-    elif name in ("LIST", "TUPLE", "APPENDS", "APPEND"):
-        at = len(stack) - 1 if name == "APPEND" else marks.pop()
-        rest = stack[at:]
-        del stack[at:]
-        if name in ("LIST", "TUPLE"):
-            stack.append(rest if name == "LIST" else tuple(rest))
-        else:
-            stack[-1].extend(rest)
-    elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
-        memo[len(memo) if argument is None else argument] = stack[-1]
-    elif name in ("GET", "BINGET", "LONG_BINGET"):
-        stack.append(memo[argument])
-    elif name not in ("PROTO", "FRAME"):
-        raise ValueError(f"{name} is neither text, whole number, list nor tuple")
-
-
-class Hdf5:
-    """The arrays of an HDF5 file, within limits. A context manager.
-
-    Links to other places and other files are not followed.
-
-    Args:
-        path: the file.
-        fix: advice that errors name.
-
-    Raises:
-        InputError: the file cannot be read or is no HDF5.
-        SettingsError: h5py is not installed; says how to install it.
-    """
-
-    def __init__(self, path: Path, *, fix: str) -> None:
-        self._path, self._fix = path, fix
-        data = read_whole(path, fix=fix, most_bytes=MOST_TABLE_BYTES)
-        if find_spec("h5py") is None:
-            raise SettingsError(
-                f"{path.name} needs h5py: uv sync --extra keypoints (elsewhere: install 'mocapella[keypoints]')"
-            )
-        self._h5py: Any = import_module("h5py")
-        self._most = max(FREE_UNPACKED, MOST_RATIO * len(data))
-        try:
-            self._file: Any = self._h5py.File(io.BytesIO(data), "r")
-        except (*FAULTS, OSError, RuntimeError) as error:
-            raise self._fault(error) from None
-
-    def names(self, group: str = "") -> tuple[str, ...]:
-        """Return the names in a group, sorted; the whole file's by default.
-
-        Raises:
-            InputError: there is no such group.
-        """
-        found = self._at(group)
-        try:
-            return tuple(sorted(str(name) for name in found))
-        except (*FAULTS, OSError, RuntimeError) as error:
-            raise self._fault(error, group) from None
-
-    def array(self, name: str) -> Any:
-        """Return the values of a dataset as an array.
-
-        Raises:
-            InputError: there is no such dataset, it is elsewhere than in the file, or it unpacks to more than
-                `FREE_UNPACKED` and `MOST_RATIO` times the file's size.
-        """
-        found = self._at(name)
-        try:
-            if found.is_virtual or found.external:
-                raise ValueError("its values are in another file")
-            if found.nbytes > self._most:
-                raise ValueError(f"it unpacks to {found.nbytes >> 20} MiB")
-            return found[()]
-        except (*FAULTS, OSError, RuntimeError) as error:
-            raise self._fault(error, name) from None
-
-    def attribute(self, name: str, key: str) -> bytes | None:
-        """Return an attribute of a group or dataset as bytes; None if it has none of this name.
-
-        Raises:
-            InputError: there is no such group or dataset, or the attribute cannot be read.
-        """
-        found = self._at(name)
-        try:
-            value = found.attrs.get(key)
-            return value.encode() if isinstance(value, str) else None if value is None else bytes(value)
-        except (*FAULTS, OSError, RuntimeError) as error:
-            raise self._fault(error, name) from None
-
-    def _at(self, name: str) -> Any:
-        found: Any = self._file
-        try:
-            for part in filter(None, name.split("/")):
-                if not isinstance(found.get(part, getlink=True), self._h5py.HardLink):
-                    raise ValueError("there is none of this name")
-                found = found[part]
-        except (*FAULTS, OSError, RuntimeError) as error:
-            raise self._fault(error, name) from None
-        return found
-
-    def _fault(self, error: Exception, field: str | None = None) -> InputError:
-        said = str(error).replace("\n", " ")
-        return InputError(f"cannot be read as HDF5: {said}", file=self._path, field=field or None, fix=self._fix)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
