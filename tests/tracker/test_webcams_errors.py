@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import Matches, Rays
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.tracker.webcams import WebcamsTracker
+from mocapella.tracker.webcams_cameras_kernels import count_refuting
 from mocapella.tracker.webcams_errors_kernels import LEAST_GAIN, follow_unpredicted, variance_ahead, widen
-from mocapella.tracker.webcams_kernels import count_refuting, forget, refuting
 from mocapella.tracker.webcams_memory import no_people
+from mocapella.tracker.webcams_people_kernels import forget, refuting
 from mocapella.tracker.webcams_warmup import circle_of_cameras, seen_people, standing_person
 
 Float64 = NDArray[np.float64]

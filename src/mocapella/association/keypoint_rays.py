@@ -6,6 +6,7 @@ All joints are in the order of the topology ``halpe_26``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -182,6 +183,12 @@ def sources_of(own: Topology) -> Int64 | None:
     sources = np.full(JOINTS, -1, dtype=np.int64)
     sources[list(single)] = list(single.values())
     return sources
+
+
+@cache
+def sources_named(name: str) -> Int64 | None:
+    """Return `sources_of` a topology by its name; the same array at each call."""
+    return sources_of(topology(name))
 
 
 def _bones() -> tuple[Int64, Float64]:

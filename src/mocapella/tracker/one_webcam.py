@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.keypoint_rays import sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.decoding import FAULTS, convert, decode_msgpack
 from mocapella.errors import MocapellaError, WireError
@@ -108,7 +108,7 @@ class _Followed(msgspec.Struct):
 
 
 class _Memory(msgspec.Struct):
-    """State of the tracker; ``lens`` is of the first frame's size if there is no rig."""
+    """State of the tracker, except the people that are shown."""
 
     steps: int = 0
     next_id: int = 0
@@ -192,7 +192,7 @@ class OneWebcamTracker:
             return f"the method one-webcam tracks {m.sensor} alone; calibrate both, and use the method webcams"
         if frame.relative is None and frame.bodies:
             return "its detector estimates no depth of its own; use --detector mediapipe"
-        if _sources(frame.topology.name) is None:
+        if sources_named(frame.topology.name) is None:
             return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
         return time_problem(frame, m.newest)
 
@@ -205,40 +205,38 @@ class OneWebcamTracker:
         for k in range(min(frame.bodies, MOST_PEOPLE)):
             slopes, relative, sds = self._seen(frame, k, lens)
             implied = stature_of(relative, CHAINS)
-            placed = place_by_rays(slopes, relative * (s.height_m / implied), sds) if implied > 0.2 else None
+            if not implied > 0.2:
+                continue
+            ratio = s.height_m / implied
+            placed = place_by_rays(slopes, relative * ratio, sds)
             if placed is None:
                 continue
             person = self._same(kept, taken, int(frame.ids[k]), placed.translation)
             share = 1.0 if person is None or s.size_s == 0 else 1 - math.exp(-(at_s - person.at_s) / s.size_s)
-            ratio = (
-                s.height_m / implied if person is None else person.ratio + share * (s.height_m / implied - person.ratio)
-            )
-            placed = place_by_rays(slopes, relative * ratio, sds)
+            if person is not None:
+                ratio = person.ratio + share * (ratio - person.ratio)
+                placed = place_by_rays(slopes, relative * ratio, sds)
             if placed is None:
                 continue
             body = relative * ratio + placed.translation
             factor, factor_sd = self._factor(body)
             if person is not None:
                 factor = person.factor + share * (factor - person.factor)
-            if person is None:
+            else:
                 person = _Followed(m.next_id, NO_ID, at_s, (0.0, 0.0, 0.0), ratio, factor)
                 m.next_id += 1
                 kept.append(person)
             taken.add(person.id)
             place = placed.translation
-            person.seen_as, person.at_s = int(frame.ids[k]), at_s
-            person.place, person.ratio, person.factor = (
-                (float(place[0]), float(place[1]), float(place[2])),
-                ratio,
-                factor,
-            )
+            person.seen_as, person.at_s, person.ratio, person.factor = int(frame.ids[k]), at_s, ratio, factor
+            person.place = (float(place[0]), float(place[1]), float(place[2]))
             shown.append(self._shown_person(person.id, factor * body, factor_sd))
         m.people = kept
         return tuple(sorted(shown, key=lambda one: one.id))
 
     def _seen(self, frame: KeypointFrame, k: int, lens: Float64) -> tuple[Float64, Float64, Float64]:
         """Return a detection's slopes, relative body and standard deviations of the slopes, as Halpe's joints."""
-        sources: Any = _sources(frame.topology.name)
+        sources: Any = sources_named(frame.topology.name)
         there = sources >= 0
         pixels = np.where(there[:, None], frame.positions_px[k][sources], np.nan).astype(np.float64)
         sure = np.where(there, frame.confidences[k][sources], 0.0)
@@ -300,15 +298,3 @@ def _person(number: int, positions: Any, states: Any, sd: Any) -> Person:
     if (kinds > JointState.INFERRED).any():
         raise WireError("a joint that is measured")
     return Person(number, placed, kinds, (), scatter, "", "seen by one camera: its distance is inferred")
-
-
-@cache
-def _sources(name: str) -> NDArray[np.int64] | None:
-    """Return for each of Halpe's joints the index of the joint of another topology at its place, -1 without one."""
-    own = topology(name)
-    if name != HALPE.name and HALPE.name not in own.mappings:
-        return None
-    found = np.full(len(HALPE), -1, np.int64)
-    for joint, source in own.single_joints(HALPE.name).items():
-        found[joint] = source
-    return found

@@ -2,7 +2,7 @@
 
 waiting.add(frame, at_ns)                           a camera's keypoints, before its image
 seen  = waiting.take("left", image_ns, within_ns)   of the image's time
-lines = lines_of_bodies(seen, places, eyes)         of each body, by `mocapella.kinematics.keypoint_lines`
+own   = keypoints_of_bodies(seen, places, eyes)     lines of each body, `mocapella.kinematics.keypoint_lines`
 """
 
 from __future__ import annotations
@@ -149,6 +149,7 @@ def keypoints_of_bodies(
     """
     cameras = tuple(name for name in eyes if name in seen)
     empty = {name: _nothing(len(marks), [eyes[c] for c in cameras]) for name, (marks, _) in bodies.items()}
+    joints = {name: landmark_joints(marks) for name, (marks, _) in bodies.items()}
     found: set[str] = set()
     for c, camera in enumerate(cameras):
         by, one = eyes[camera], seen[camera]
@@ -156,16 +157,16 @@ def keypoints_of_bodies(
         sizes, names = _sizes_px(pixels), list(bodies)
         cost = np.full((len(names), len(pixels)), 1.0)
         for i, name in enumerate(names):
-            marks, places = bodies[name]
+            expected = seen_at(bodies[name][1], by)
             for d in range(len(pixels)):
-                cost[i, d] = _cost(_of_landmarks(pixels[d], landmark_joints(marks)), seen_at(places, by), sizes[d])
+                cost[i, d] = _cost(_of_landmarks(pixels[d], joints[name]), expected, sizes[d])
         for i, d in zip(*linear_sum_assignment(cost), strict=True):
             if cost[i, d] < MOST_COST:
-                joints = landmark_joints(bodies[names[i]][0])
-                sure = np.where(joints >= 0, one.confidences[d, joints], 0.0)
-                sd_px = np.hypot(settings.least_sd_px, settings.joint_sd * sizes[d] * SPREADS[joints])
+                own = joints[names[i]]
+                sure = np.where(own >= 0, one.confidences[d, own], 0.0)
+                sd_px = np.hypot(settings.least_sd_px, settings.joint_sd * sizes[d] * SPREADS[own])
                 sd_px = sd_px / np.sqrt(np.minimum(1.0, 0.1 + sure))  # as of the method webcams
-                _fill(empty[names[i]], c, by, _of_landmarks(pixels[d], joints), sd_px)
+                _fill(empty[names[i]], c, by, _of_landmarks(pixels[d], own), sd_px)
                 found.add(names[i])
     return {name: BodyKeypoints(cameras, px, lines) for name, (px, lines) in empty.items() if name in found}
 

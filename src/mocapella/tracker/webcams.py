@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.hand_keypoints import hand_sources
-from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_of
+from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, WireError, one_of
 from mocapella.geometry.lens import farthest_r2
@@ -263,7 +263,7 @@ class WebcamsTracker:
 
     def _calibrate(self, frame: KeypointFrame, at_ns: int) -> None:
         """Give a frame to the cameras' own calibration, if there is no given rig."""
-        if self._own is None or _sources(frame.topology.name) is None:
+        if self._own is None or sources_named(frame.topology.name) is None:
             return
         if self._names and disagreeing(self._counts).any():
             self._own.begin_anew()
@@ -295,9 +295,7 @@ class WebcamsTracker:
         if frame.size_px != size:
             own = f"{frame.size_px[0]} × {frame.size_px[1]}"
             return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
-        if problem := _unmapped(frame):
-            return problem
-        return ""
+        return _unmapped(frame)
 
     def _track(self, instant: CameraInstant) -> None:
         """Track one instant, and give new people their numbers."""
@@ -331,7 +329,8 @@ class WebcamsTracker:
 
     def _rays(self, instant: CameraInstant) -> tuple[Float64, Rays, Bools]:
         """Return the keypoints of all detections of an instant, their cameras and times, and who delivered."""
-        bodies = {name: one for name, one in instant.frames.items() if _sources(one.frame.topology.name) is not None}
+        known = {name: sources_named(one.frame.topology.name) for name, one in instant.frames.items()}
+        bodies = {name: one for name, one in instant.frames.items() if known[name] is not None}
         count = sum(min(len(one.frame.ids), MOST_DETECTIONS) for one in bodies.values())
         pixels = np.full((count, JOINTS, 2), np.nan)
         rays = Rays(
@@ -345,7 +344,7 @@ class WebcamsTracker:
             delivered[column] = True
             chosen = most_confident(frame)
             last = first + len(chosen)
-            sources: Any = _sources(frame.topology.name)
+            sources: Any = known[name]
             sure = np.where(sources >= 0, frame.confidences[chosen][:, sources], 0.0)
             rays.confidences[first:last] = np.where(sure >= least, sure, 0.0)
             pixels[first:last] = frame.positions_px[chosen][:, sources]
@@ -394,7 +393,7 @@ class WebcamsTracker:
 
 def _unmapped(frame: KeypointFrame) -> str:
     """Return why a frame has keypoints of neither people nor hands; empty if it has."""
-    if _sources(frame.topology.name) is not None or hand_sources(frame.topology.name):
+    if sources_named(frame.topology.name) is not None or hand_sources(frame.topology.name):
         return ""
     return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
 
@@ -428,11 +427,6 @@ def _arrays_like(own: Any, given: Any) -> Any:
         if given[name].dtype != array.dtype or given[name].shape != array.shape:
             raise WireError(f"{name} has the shape {given[name].shape} and type {given[name].dtype}")
     return type(own)(**given)
-
-
-@cache
-def _sources(name: str) -> Any:
-    return sources_of(topology(name))
 
 
 @cache

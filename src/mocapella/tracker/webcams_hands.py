@@ -31,7 +31,7 @@ from mocapella.association.hand_keypoints import (
     new_hands,
     seen_hand,
 )
-from mocapella.association.keypoint_rays import Matches
+from mocapella.association.keypoint_rays import Matches, sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import WireError
 from mocapella.geometry.lens import project, undistort
@@ -93,7 +93,7 @@ class OneHand:
 
     number: int
     person: int
-    fits: dict[str, KeypointHand]
+    fits: dict[Handedness, KeypointHand]
     seen_s: float
     evidence: float = 0.0
     hits: int = 0
@@ -102,7 +102,7 @@ class OneHand:
     velocities: Float64 = field(default_factory=lambda: np.zeros((LANDMARKS, 3)))
 
     @property
-    def side(self) -> str:
+    def side(self) -> Handedness:
         """The side that fits better."""
         if len(self.fits) == 1:
             return next(iter(self.fits))
@@ -183,15 +183,14 @@ class WebcamsHands:
         self._at_s = instant.at_ns / NS_PER_S
         if not seen and not self._hands:
             return
-        wrists, self._wrist_covariances = {}, {}
+        self._wrists, self._wrist_covariances = {}, {}
         for row, number in enumerate(people.ids.tolist()):
             if number >= 0:
-                wrists[number] = people.positions[row, WRISTS]
+                self._wrists[number] = people.positions[row, WRISTS]
                 self._wrist_covariances[number] = people.covariances[row, WRISTS]
-        self._wrists = wrists
-        self._hands = [one for one in self._hands if one.person < 0 or one.person in wrists]
-        self._join(wrists)
-        owned, rest = self._owned(seen, people, wrists)
+        self._hands = [one for one in self._hands if one.person < 0 or one.person in self._wrists]
+        self._join()
+        owned, rest = self._owned(seen, people)
         predicted = {i: self._predicted(one) for i, one in enumerate(self._hands)}
         found = self._matched(rest, predicted)
         for i, one in enumerate(self._hands):
@@ -199,14 +198,14 @@ class WebcamsHands:
             if one.person >= 0 and key in owned:
                 found.setdefault(i, []).extend(owned.pop(key))
         used = {id(one) for group in found.values() for one in group}
-        for hand, group in [*found.items()]:
-            self._fit(self._hands[hand], group)
+        for i, group in found.items():
+            self._fit(self._hands[i], group)
         for i, one in enumerate(self._hands):
             if i not in found:
                 self._fit(one, [])
         for (person, side), group in sorted(owned.items(), key=lambda item: item[0]):
             self._begin(person, side, group)
-        self._begin_alone([one for one in rest if id(one) not in used], wrists)
+        self._begin_alone([one for one in rest if id(one) not in used])
         self._drop()
 
     def _seen(self, instant: CameraInstant, matches: Matches) -> list[SeenHand]:
@@ -226,22 +225,22 @@ class WebcamsHands:
                     )  # fmt: skip
                     if hand is not None:
                         seen.append(hand)
-            if frame.topology.name != "hand":
+            if sources_named(frame.topology.name) is not None:
                 first += len(chosen)
         return seen
 
     def _owned(
-        self, seen: Sequence[SeenHand], people: PeopleArrays, wrists: Mapping[int, Float64]
-    ) -> tuple[dict[tuple[int, str], list[SeenHand]], list[SeenHand]]:
+        self, seen: Sequence[SeenHand], people: PeopleArrays
+    ) -> tuple[dict[tuple[int, Handedness], list[SeenHand]], list[SeenHand]]:
         """Return the hands of bodies that are people, by person and side of the nearer wrist; and the other hands."""
-        owned: dict[tuple[int, str], list[SeenHand]] = {}
+        owned: dict[tuple[int, Handedness], list[SeenHand]] = {}
         rest = []
         for one in seen:
             number = int(people.ids[one.person]) if one.person >= 0 else -1
-            if number not in wrists:
+            if number not in self._wrists:
                 rest.append(one)
                 continue
-            away = self._wrist_distances(one, wrists[number])
+            away = self._wrist_distances(one, self._wrists[number])
             side = 0 if one.left else 1
             # Detectors confuse the sides; where a wrist is clearly nearer, it decides.
             if away[1 - side] < 0.5 * away[side]:
@@ -284,39 +283,37 @@ class WebcamsHands:
                 found.setdefault(i, []).append(rest[k])
         return found
 
-    def _join(self, wrists: Mapping[int, Float64]) -> None:
+    def _join(self) -> None:
         """Give hands without a body to the person whose free wrist is nearest."""
         taken = {(one.person, one.side) for one in self._hands if one.person >= 0}
         for one in self._hands:
             if one.person >= 0 or one.hand is None:
                 continue
-            owner = self._nearest_wrist(one.hand.landmarks[WRIST], wrists, taken)
+            owner = self._nearest_wrist(one.hand.landmarks[WRIST], taken)
             if owner is None:
                 continue
             taken.add(owner)
             fit = one.fits.get(owner[1])
             one.person, side = owner
             one.number = _number(owner)
-            one.fits = {side: fit if fit is not None else KeypointHand(_side(side))}
+            one.fits = {side: fit if fit is not None else KeypointHand(side)}
 
-    def _nearest_wrist(
-        self, wrist: Float64, wrists: Mapping[int, Float64], taken: set[tuple[int, str]]
-    ) -> tuple[int, str] | None:
+    def _nearest_wrist(self, wrist: Float64, taken: set[tuple[int, Handedness]]) -> tuple[int, Handedness] | None:
         best, least = None, self.settings.wrist_m
-        for number in sorted(wrists):
+        for number in sorted(self._wrists):
             for k, side in enumerate(SIDES):
-                away = float(np.linalg.norm(wrists[number][k] - wrist))
+                away = float(np.linalg.norm(self._wrists[number][k] - wrist))
                 if away < least and (number, side) not in taken:
                     best, least = (number, side), away
         return best
 
-    def _begin(self, person: int, side: str, group: Sequence[SeenHand]) -> None:
+    def _begin(self, person: int, side: Handedness, group: Sequence[SeenHand]) -> None:
         """Begin a hand of a person."""
-        one = OneHand(_number((person, side)), person, {side: KeypointHand(_side(side))}, self._at_s)
+        one = OneHand(_number((person, side)), person, {side: KeypointHand(side)}, self._at_s)
         self._fit(one, group)
         self._hands.append(one)
 
-    def _begin_alone(self, seen: Sequence[SeenHand], wrists: Mapping[int, Float64]) -> None:
+    def _begin_alone(self, seen: Sequence[SeenHand]) -> None:
         """Begin hands of detections without a body: at a free wrist, or alone if two cameras agree."""
         s = self.settings
         taken = {(one.person, one.side) for one in self._hands if one.person >= 0}
@@ -325,7 +322,7 @@ class WebcamsHands:
             own = [seen[i] for i in group]
             found = self._triangulated(own, np.zeros((LANDMARKS, 3)))
             wrist = found[0][WRIST] if np.isfinite(found[0][WRIST]).all() else np.nanmean(found[0], axis=0)
-            owner = self._nearest_wrist(wrist, wrists, taken)
+            owner = self._nearest_wrist(wrist, taken)
             if owner is not None:
                 taken.add(owner)
                 self._begin(*owner, own)
@@ -340,8 +337,8 @@ class WebcamsHands:
                 continue
             near = [
                 (float(away), number, SIDES[k])
-                for number in sorted(wrists)
-                for k, away in enumerate(self._wrist_distances(single, wrists[number]))
+                for number in sorted(self._wrists)
+                for k, away in enumerate(self._wrist_distances(single, self._wrists[number]))
                 if (number, SIDES[k]) not in taken and away < 1.0
             ]
             if near:
@@ -397,7 +394,7 @@ class WebcamsHands:
         """Take the wrist of the person's body for the hand's, in place: it tells the distance if one camera sees it."""
         if one.person not in self._wrists:
             return
-        k = SIDES.index(_side(one.side))
+        k = SIDES.index(one.side)
         wrist, covariance = self._wrists[one.person][k], self._wrist_covariances[one.person][k]
         if np.isfinite(wrist).all() and np.isfinite(covariance).all():
             points[WRIST], covariances[WRIST] = wrist, covariance + _WRIST_SD_M**2 * np.eye(3)
@@ -423,7 +420,7 @@ class WebcamsHands:
             points[where] = centre + depths[:, None] * rays
             covariances[where] = (across**2)[:, None, None] * (np.eye(3) - along) + depth_sd_m**2 * along
 
-    def _weigh(self, one: OneHand, hands: Mapping[str, Hand], covariances: Float64, measured: Any) -> None:
+    def _weigh(self, one: OneHand, hands: Mapping[Handedness, Hand], covariances: Float64, measured: Any) -> None:
         """Add an instant's evidence for the side of a hand; keep the better fit alone when it is sure."""
         variances = np.trace(covariances, axis1=1, axis2=2)
         costs = {
@@ -475,12 +472,8 @@ def _shown(one: OneHand, ahead_s: float) -> TrackedHand:
     )  # fmt: skip
 
 
-def _number(owner: tuple[int, str]) -> int:
-    return 2 * owner[0] + SIDES.index(_side(owner[1]))
-
-
-def _side(name: str) -> Handedness:
-    return "left" if name == "left" else "right"
+def _number(owner: tuple[int, Handedness]) -> int:
+    return 2 * owner[0] + SIDES.index(owner[1])
 
 
 _MEMORY: Final = ("number", "person", "seen_s", "evidence", "hits", "agreed_s", "hand", "velocities")
