@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocapella.calibration.keypoint_tracks import CameraTracks, as_halpe, at_instants, sizes_of
+from mocapella.calibration.keypoint_tracks import CameraTracks, as_halpe, at_instants, sizes_of, velocities_at
 from mocapella.errors import CalibrationError
 from mocapella.model.keypoints import KeypointFrame, keypoint_frame
 from mocapella.model.topology import topology
@@ -59,7 +59,8 @@ def test_keypoints_are_linear_between_frames_and_unknown_outside() -> None:
     for k in range(30):
         tracks.update(frame(k, [2.0 * k]), k / 30)
     (track,) = tracks.tracks()
-    pixels, velocities, sizes = at_instants(track, np.array([-0.1, 0.5 + 1 / 60, 2.0]))
+    at_s = np.array([-0.1, 0.5 + 1 / 60, 2.0])
+    (pixels, sizes), velocities = at_instants(track, at_s), velocities_at(track, at_s)
     assert np.isnan(pixels[[0, 2]]).all()
     np.testing.assert_allclose(pixels[1], np.array([31.0, 0.0]) + BODY, atol=1e-3)
     np.testing.assert_allclose(velocities[1], np.tile([60.0, 0.0], (26, 1)), atol=1e-2)

@@ -49,7 +49,7 @@ def positions_sd(path: Path, bodies: int) -> float:
     free[0, :6] = free[:, FOCAL] = free[:, CLOCK] = False
     log_lengths = np.log([[float(np.mean(of)) for of in lengths]])
     prior = BundlePrior(
-        free, np.log(np.full(3, 530.0)), np.ones(3), np.zeros(3), np.ones(3), T_camera_world, np.zeros((3, 6, 6)),
+        free, np.log(np.full(3, 530.0)), np.ones(3), np.zeros(3), np.ones(3),
         float(np.exp(np.mean(log_lengths - np.log(STATURES)))),
     )  # fmt: skip
     start = PeopleBundle(T_camera_world, np.array([o.camera.lens for o in RIG]), np.zeros(3), joints, log_lengths)

@@ -58,6 +58,20 @@ def test_equal_points_have_no_solution() -> None:
     assert len(five_point(same, same)[0]) == 0
 
 
+def test_a_sample_with_roots_at_infinity_gives_finite_matrices_and_no_warning() -> None:
+    a = [
+        [0.11500900753068784, -0.05516070713611503], [0.1427165419474705, -0.13369661958506143],
+        [-0.3454520115628057, 0.3019885824307279], [0.11164350726134986, -0.011395865530238814],
+        [-0.31856107251293103, 0.3265644005602186],
+    ]  # fmt: skip
+    b = [
+        [-0.5656526150708541, 0.07190631743649835], [-0.5443196305348694, -0.14966137519012912],
+        [0.29281161708207076, 0.12724822855480825], [-0.5212857696878791, 0.15750952036064436],
+        [0.2686666355719857, 0.13513626869269768],
+    ]  # fmt: skip
+    assert np.isfinite(five_point([a], [b])[0]).all()
+
+
 @given(SEEDS)
 def test_one_of_four_poses_has_all_points_in_front(seed: int) -> None:
     T, points, a, b = scene(seed)

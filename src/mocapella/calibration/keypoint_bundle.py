@@ -21,7 +21,7 @@ from mocapella.calibration.keypoint_tracks import HALPE
 from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.geometry.alignment import cross_matrix
 from mocapella.geometry.lens_jacobian import project_with_jacobian
-from mocapella.geometry.twists import exp_twist, log_motion
+from mocapella.geometry.twists import exp_twist
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -40,7 +40,7 @@ BONE_SD: Final = 0.05
 SHAPE_SD: Final = 0.10
 """Standard deviation of a bone's proportion between people, as a fraction."""
 PINNED: Final = 1e-4
-"""Standard deviation of the mean proportion, which fixes the scale while nothing else does."""
+"""Standard deviation of the mean proportion, which fixes the scale."""
 STEPS: Final = 15
 """Most steps of a minimisation."""
 ROUNDS: Final = 4
@@ -120,10 +120,7 @@ class BundlePrior:
         focal_sd: (cameras,) its standard deviation.
         clock_s: (cameras,) mean of the clock, relative to the clocks of the interpolation [s].
         clock_sd_s: (cameras,) its standard deviation [s].
-        T_camera_world: (cameras, 4, 4) mean pose.
-        pose_precision: (cameras, 6, 6) inverse covariance of the pose, in the camera's frame; 0 if unknown.
-        mean_stature: stature that the mean of all bones has, while the scale is not known otherwise [m].
-        pinned: whether the scale is fixed by it; the precision of the poses fixes it otherwise.
+        mean_stature: stature that the mean of all bones has, which fixes the scale [m].
     """
 
     free: Bool
@@ -131,10 +128,7 @@ class BundlePrior:
     focal_sd: Float64
     clock_s: Float64
     clock_sd_s: Float64
-    T_camera_world: Float64
-    pose_precision: Float64
-    mean_stature: float = 1.7
-    pinned: bool = True
+    mean_stature: float
 
 
 @dataclass(frozen=True)
@@ -145,14 +139,12 @@ class AdjustedPeople:
         bundle: the adjusted values.
         residual_px: (n, 2) measured minus projected keypoints [px].
         sigma: robust standard deviation of a keypoint's coordinate, of relative standard deviation 1 [px].
-        dispersion: variance of the estimate relative to that with independent errors.
         covariance: (cameras, 8, cameras, 8); 0 for fixed values.
     """
 
     bundle: PeopleBundle
     residual_px: Float64
     sigma: float
-    dispersion: float
     covariance: Float64
 
 
@@ -208,8 +200,8 @@ def adjusting_people(
         if abs(sigma - before) <= 0.01 * sigma:
             break
     yield
-    dispersion, covariance = _covariance(views, bundle, prior, sigma, seen)
-    return AdjustedPeople(bundle, _residual(views, bundle), sigma, dispersion, covariance)
+    covariance = _covariance(views, bundle, prior, sigma, seen)
+    return AdjustedPeople(bundle, _residual(views, bundle), sigma, covariance)
 
 
 def _seen(views: KeypointViews) -> Bool:
@@ -234,9 +226,13 @@ def _expected(views: KeypointViews, bundle: PeopleBundle) -> tuple[Float64, Floa
 
 
 def _residual(views: KeypointViews, bundle: PeopleBundle) -> Float64:
+    return _difference(views, bundle, _expected(views, bundle)[1])
+
+
+def _difference(views: KeypointViews, bundle: PeopleBundle, pixel: Float64) -> Float64:
     """Return measured minus projected pixels; a joint behind a camera gets a huge residual."""
     measured = views.pixel + views.velocity * bundle.clocks_s[views.camera, None]
-    return np.nan_to_num(measured - _expected(views, bundle)[1], nan=1e5)
+    return np.nan_to_num(measured - pixel, nan=1e5)
 
 
 def _loss(squares: Float64) -> float:
@@ -257,22 +253,15 @@ def _prior_residuals(bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64,
     """Return the deviations of focal lengths, clocks and bones, and of the mean of the bones, in their sds."""
     log_focal = np.log(bundle.lenses[:, :2]).mean(axis=1)
     off = bundle.log_lengths - np.log(STATURES * prior.mean_stature)
-    pinned = float(off.mean()) / PINNED if prior.pinned else 0.0
+    pinned = float(off.mean()) / PINNED
     clocks = (bundle.clocks_s - prior.clock_s) / prior.clock_sd_s
     return (log_focal - prior.log_focal) / prior.focal_sd, clocks, (off - off.mean()) / SHAPE_SD, pinned
 
 
-def _pose_deviation(bundle: PeopleBundle, prior: BundlePrior) -> Float64:
-    return log_motion(bundle.T_camera_world @ np.linalg.inv(prior.T_camera_world))
-
-
 def _cost(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> float:
     squares = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
-    bones, focal, pose = _bones(bundle, views.person, seen)[0], _prior_residuals(bundle, prior), 0.0
-    if prior.pose_precision.any():
-        off = _pose_deviation(bundle, prior)
-        pose = float(np.einsum("ci,cij,cj", off, prior.pose_precision, off))
-    return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in focal) + pose
+    bones, priors = _bones(bundle, views.person, seen)[0], _prior_residuals(bundle, prior)
+    return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in priors)
 
 
 def _descend(
@@ -302,11 +291,9 @@ def _descend(
 def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> _System:
     cameras, bodies = len(bundle.lenses), len(views.person)
     size = cameras * CAMERA + bundle.log_lengths.size
-    residual = _residual(views, bundle)
-    J, by_joint = _derivatives(views, bundle)
+    residual, J, by_joint = _linearised(views, bundle, prior)
     scale = views.sd * sigma
     weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / (CAUCHY * scale) ** 2) / scale**2
-    J = np.where(prior.free[views.camera][:, None, :], J, 0.0)
     weighted, joint_weighted = J * weight[:, None, None], by_joint * weight[:, None, None]
     general, mixed = np.zeros((size, size)), np.zeros((bodies, size, JOINTS * 3))
     joints, of_joints = np.zeros((bodies, JOINTS, 3, JOINTS, 3)), np.zeros((bodies, JOINTS, 3))
@@ -332,14 +319,17 @@ def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, s
     return _System(general, square, mixed, of_general, of_joints.reshape(bodies, -1), of_bodies)
 
 
-def _derivatives(views: KeypointViews, bundle: PeopleBundle) -> tuple[Float64, Float64]:
-    """Return the derivatives of the residuals by the camera's parameters (n, 2, 8) and by the joint (n, 2, 3)."""
-    p, _, by_point, by_lens, R = _expected(views, bundle)
+def _linearised(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64, Float64, Float64]:
+    """Return the residuals, and their derivatives by the camera's parameters (n, 2, 8) and by the joint (n, 2, 3).
+
+    Derivatives by fixed parameters are 0.
+    """
+    p, pixel, by_point, by_lens, R = _expected(views, bundle)
     focal = bundle.lenses[views.camera, :2]
     by_focal = by_lens[..., 0] * focal[:, :1] + by_lens[..., 1] * focal[:, 1:]
     parts = [-by_point, by_point @ cross_matrix(p), -by_focal[..., None], views.velocity[..., None]]
-    J = np.nan_to_num(np.concatenate(parts, axis=-1))
-    return J, np.nan_to_num(-by_point @ R)
+    J = np.where(prior.free[views.camera][:, None, :], np.nan_to_num(np.concatenate(parts, axis=-1)), 0.0)
+    return _difference(views, bundle, pixel), J, np.nan_to_num(-by_point @ R)
 
 
 @dataclass(frozen=True)
@@ -390,16 +380,8 @@ def _add_prior(general: Float64, of_general: Float64, bundle: PeopleBundle, prio
     bones = slice(cameras * CAMERA, cameras * CAMERA + count)
     general[bones, bones] += (np.eye(count) - 1.0 / count) / SHAPE_SD**2
     of_general[bones] += shape.ravel() / SHAPE_SD
-    if prior.pinned:
-        general[bones, bones] += 1.0 / (count * PINNED) ** 2
-        of_general[bones] += pinned / (count * PINNED)
-    if prior.pose_precision.any():
-        off = _pose_deviation(bundle, prior)
-        for c in range(cameras):
-            own = slice(c * CAMERA, c * CAMERA + 6)
-            free = prior.free[c, POSE]
-            general[own, own] += np.where(free[:, None] & free, prior.pose_precision[c], 0.0)
-            of_general[own] += np.where(free, prior.pose_precision[c] @ off[c], 0.0)
+    general[bones, bones] += 1.0 / (count * PINNED) ** 2
+    of_general[bones] += pinned / (count * PINNED)
     fixed = np.flatnonzero(~prior.free.ravel())
     general[fixed, fixed] += 1.0
 
@@ -437,14 +419,12 @@ def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: fl
     )
 
 
-def _covariance(
-    views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool
-) -> tuple[float, Float64]:
-    """Return the dispersion and the covariance of the cameras' parameters.
+def _covariance(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> Float64:
+    """Return the covariance of the cameras' parameters.
 
     Dispersions are estimated for positions, directions, focal lengths and clocks: the mean square of the pulls of the
-    clusters, relative to what independent errors would do. The largest is returned. Errors that last for the whole
-    recording are in no residual: `LASTING_PX` of them is assumed and propagated (`_lasting_pulls`).
+    clusters, relative to what independent errors would do. Errors that last for the whole recording are in no residual:
+    `LASTING_PX` of them is assumed and propagated (`_lasting_pulls`).
     """
     cameras = len(bundle.lenses)
     system = _equations(views, bundle, prior, sigma, seen)
@@ -461,19 +441,18 @@ def _covariance(
     slope = weight - r2 / CAUCHY**2 * weight**2
     factor = float((weight.mean() / slope.mean()) ** 2)
     free, inner = prior.free, inverse[: cameras * CAMERA, : cameras * CAMERA]
-    spread, dispersion = np.ones((cameras, CAMERA)), 1.0
+    spread = np.ones((cameras, CAMERA))
     for kind in _KINDS:
         at = np.flatnonzero((free & (np.isin(np.arange(CAMERA), kind))).ravel())
         if len(at):
             block = np.linalg.pinv(inner[np.ix_(at, at)], rcond=1e-10, hermitian=True)
             squares = float(np.einsum("ki,ij,kj->", pulls[:, at], block, pulls[:, at]))
             spread.ravel()[at] = math.sqrt(max(1.0, squares / len(at)))
-            dispersion = max(dispersion, squares / len(at))
     mask, own = free.ravel(), slice(0, cameras * CAMERA)
     lasting = _lasting_pulls(views, bundle, prior, sigma, solved) @ inverse[:, own]
     total = factor * inner * np.outer(spread, spread) + lasting.T @ lasting
     covariance = np.where(mask[:, None] & mask, total, 0.0)
-    return dispersion, covariance.reshape(cameras, CAMERA, cameras, CAMERA)
+    return covariance.reshape(cameras, CAMERA, cameras, CAMERA)
 
 
 def _lasting_pulls(
@@ -488,9 +467,8 @@ def _lasting_pulls(
     Args:
         solved: (bodies, 36, g) influence of the cameras and bones on the joints, see `_reduced`.
     """
-    J, by_joint = _derivatives(views, bundle)
-    J = np.where(prior.free[views.camera][:, None, :], J, 0.0)
-    r2 = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
+    residual, J, by_joint = _linearised(views, bundle, prior)
+    r2 = (residual**2).sum(axis=1) / (views.sd * sigma) ** 2
     pull = LASTING_PX * views.sd / (1.0 + r2 / CAUCHY**2) / (views.sd * sigma) ** 2
     size = solved.shape[-1]
     joint_columns = 3 * views.joint[:, None] + np.arange(3)

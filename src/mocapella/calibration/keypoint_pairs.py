@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.stepwise import Steps, result_of
+from mocapella.calibration.stepwise import Steps
 from mocapella.geometry.essential import (
     POINTS,
     angles_between,
@@ -105,8 +105,8 @@ class _Common:
     groups: Int64
 
 
-def find_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator) -> CameraPair | None:
-    """Find the relative pose of two cameras; None if they have too few common people.
+def finding_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator) -> Steps[CameraPair | None]:
+    """Return the steps that find the relative pose of two cameras; None if they have too few common people.
 
     Args:
         a: (tracks, instants, 26, 2) directions of the keypoints of the first camera; NaN where not seen.
@@ -114,11 +114,6 @@ def find_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator)
         passages: (instants,) number of the passage of each instant.
         rng: random numbers of the samples.
     """
-    return result_of(finding_pair(a, b, passages, rng))
-
-
-def finding_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generator) -> Steps[CameraPair | None]:
-    """Return the steps of `find_pair`."""
     common = _common(a, b, passages)
     if common is None:
         return None
@@ -142,7 +137,7 @@ def finding_pair(a: Float64, b: Float64, passages: Int64, rng: np.random.Generat
 
 
 def rescored(T_b_a: Float64, a: Float64, b: Float64, passages: Int64) -> CameraPair | None:
-    """Return a given relative pose with its score and matches for directions as of `find_pair`."""
+    """Return a given relative pose with its score and matches for directions as of `finding_pair`."""
     common = _common(a, b, passages)
     if common is None:
         return None
@@ -175,10 +170,7 @@ def _track_pairs(common: _Common) -> list[Int64]:
     pairs: dict[tuple[int, int], list[int]] = {}
     for k, (_, i, j) in enumerate(common.groups.tolist()):
         pairs.setdefault((i, j), []).append(k)
-    of = [
-        np.concatenate([np.arange(common.begins[k], common.begins[k] + common.counts[k]) for k in groups])
-        for groups in pairs.values()
-    ]
+    of = [_points_of(common, groups) for groups in pairs.values()]
     return sorted(of, key=lambda points: -len(points))[:_TRACK_PAIRS]
 
 

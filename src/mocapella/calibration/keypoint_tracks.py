@@ -31,6 +31,8 @@ _GATE: Final = 0.5
 """Largest mean distance of a detection from a track that it continues, in sizes of the person."""
 _GAP_S: Final = 0.5
 """Longest gap within a track [s]."""
+_SHORTEST_S: Final = 0.5
+"""Shortest track that counts [s]."""
 _BRIDGED_S: Final = 0.15
 """Longest gap across which keypoints are interpolated [s]."""
 _SLOPE_S: Final = 0.3
@@ -166,9 +168,9 @@ class CameraTracks:
         )
         return made
 
-    def tracks(self, shortest_s: float = 0.5) -> list[PersonTrack]:
-        """Return all tracks that last for ``shortest_s`` or longer, in the order of their beginnings."""
-        kept = [track for track in self._closed + self._open if track.at_s[-1] - track.at_s[0] >= shortest_s]
+    def tracks(self) -> list[PersonTrack]:
+        """Return all tracks that last for half a second or longer, in the order of their beginnings."""
+        kept = [track for track in self._closed + self._open if track.at_s[-1] - track.at_s[0] >= _SHORTEST_S]
         kept.sort(key=lambda track: (track.at_s[0], float(np.nansum(track.pixels[0]))))
         return [PersonTrack(np.array(t.at_s), np.array(t.pixels), np.array(t.sizes)) for t in kept]
 
@@ -232,7 +234,7 @@ def _apart(pixels: Float64, last: Float64) -> Float64:
     return out
 
 
-def at_instants(track: PersonTrack, at_s: Float64) -> tuple[Float64, Float64, Float64]:
+def at_instants(track: PersonTrack, at_s: Float64) -> tuple[Float64, Float64]:
     """Interpolate a track linearly.
 
     Args:
@@ -241,7 +243,7 @@ def at_instants(track: PersonTrack, at_s: Float64) -> tuple[Float64, Float64, Fl
 
     Returns:
         (instants, 26, 2) pixels [px], NaN outside the track, in gaps, and where a keypoint of either neighbour is not
-        seen; (instants, 26, 2) their velocities, over 0.6 s [px/s]; (instants,) sizes of the person [px].
+        seen; (instants,) sizes of the person [px].
     """
     after = np.clip(np.searchsorted(track.at_s, at_s), 1, len(track.at_s) - 1)
     before = after - 1
@@ -251,10 +253,10 @@ def at_instants(track: PersonTrack, at_s: Float64) -> tuple[Float64, Float64, Fl
     part = np.where(inside, part, np.nan)[:, None, None]
     pixels = (1 - part) * track.pixels[before] + part * track.pixels[after]
     sizes = np.where(inside, np.maximum(track.sizes_px[before], track.sizes_px[after]), np.nan)
-    return pixels, _velocities(track, at_s), sizes
+    return pixels, sizes
 
 
-def _velocities(track: PersonTrack, at_s: Float64) -> Float64:
+def velocities_at(track: PersonTrack, at_s: Float64) -> Float64:
     """Return the slopes (instants, 26, 2) of lines through the keypoints within 0.3 s [px/s]; 0 where unknown."""
     out = np.zeros((len(at_s), JOINTS, 2))
     first, last = np.searchsorted(track.at_s, at_s - _SLOPE_S), np.searchsorted(track.at_s, at_s + _SLOPE_S)

@@ -41,15 +41,12 @@ class PeopleFloor:
         up_sd_rad: standard deviation of its direction [rad].
         height_m: ``up · p`` of points on the floor [m]; NaN if no feet were seen.
         stature_m: median stature of the people [m]; NaN if unknown.
-        by_head: whether the height of heads above the floor contributes to the stature; it follows from bones alone
-            otherwise.
     """
 
     up: Float64
     up_sd_rad: float
     height_m: float
     stature_m: float
-    by_head: bool
 
 
 def find_floor(joints: Float64, person: Int64, at_s: Float64, log_lengths: Float64) -> PeopleFloor:
@@ -65,11 +62,11 @@ def find_floor(joints: Float64, person: Int64, at_s: Float64, log_lengths: Float
     stature = float(np.median(np.exp(log_lengths) / STATURES))
     points, above = _resting(joints, person, at_s, up, stature)
     if len(points) < _FEWEST:
-        return PeopleFloor(up, UPRIGHT_SD, float("nan"), stature, by_head=False)
+        return PeopleFloor(up, UPRIGHT_SD, float("nan"), stature)
     up, sd, height = _plane(points, above, up)
     head = _stature(joints, up, height, stature)
-    by_head = bool(np.isfinite(head) and 1.0 < head / stature < 1.15)  # a bent person's head is low
-    return PeopleFloor(up, sd, height, 0.5 * (head + stature) if by_head else stature, by_head)
+    by_head = np.isfinite(head) and 1.0 < head / stature < 1.15  # a bent person's head is low
+    return PeopleFloor(up, sd, height, 0.5 * (head + stature) if by_head else stature)
 
 
 def _upright(joints: Float64) -> Float64:
@@ -181,5 +178,4 @@ def world_frame(T_first_joints: Float64, floor: PeopleFloor) -> Float64:
     x /= np.linalg.norm(x)
     R_world = np.stack([x, y, np.cross(x, y)])
     origin = centre - (centre @ y - floor.height_m) * y if np.isfinite(floor.height_m) else centre
-    T = rigid(R_world, -R_world @ origin)
-    return T
+    return rigid(R_world, -R_world @ origin)

@@ -19,7 +19,7 @@ from mocapella.calibration.keypoint_bundle import CLOCK, FOCAL
 from mocapella.calibration.people_floor import PeopleFloor, find_floor, world_frame
 from mocapella.calibration.rig_from_people import STATURE_M, PeopleSolution
 from mocapella.errors import CalibrationError, SettingsError, one_of
-from mocapella.geometry.rigid import inverse
+from mocapella.geometry.rigid import inverse, rigid
 from mocapella.geometry.twists import exp_twist, log_motion
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.settings import check
@@ -386,13 +386,13 @@ def _fit_old(found: PeopleSolution, old: CameraRig) -> _OldFit:
             "calibrate anew without --rig"
         )
     R, t, scale = _aligned(fits, new, before)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t / scale
     sd = math.sqrt(
         np.mean([found.adjusted.covariance[k, i, k, i] for k in range(1, len(found.names)) for i in range(3)])
     )
     apart = float(np.linalg.norm(np.ptp(np.stack([new[name][:3, 3] for name in fits]), axis=0)))
-    return _OldFit(T, scale, sd / max(apart, 1e-9), tuple(name for name in shared if name not in fits))
+    return _OldFit(
+        rigid(R, t / scale), scale, sd / max(apart, 1e-9), tuple(name for name in shared if name not in fits)
+    )
 
 
 def _aligned(

@@ -34,10 +34,11 @@ from mocapella.calibration.keypoint_bundle import (
 from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, finding_pair, rescored
 from mocapella.calibration.keypoint_people import PersonPassage, join_people
 from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
-from mocapella.calibration.keypoint_tracks import HALPE, CameraTracks, PersonTrack, at_instants
+from mocapella.calibration.keypoint_tracks import HALPE, CameraTracks, PersonTrack, at_instants, velocities_at
 from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.errors import CalibrationError
 from mocapella.geometry.lens import undistort
+from mocapella.geometry.plucker import camera_rays
 from mocapella.geometry.rigid import inverse
 from mocapella.model.camera import Camera
 from mocapella.settings import check
@@ -107,8 +108,6 @@ class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
         clocks_s: (cameras,) each camera's time minus the first's [s].
         views: the keypoints that were used.
         at_s: (bodies,) time of each body, on the first camera's clock [s].
-        sightings: the identities of people.
-        angles_rad: median angle of the rays of each pair of cameras that was found, by their numbers [rad].
         lens_known: (cameras,) whether the focal length was given.
         people: (bodies, 26, 3) all joints in the first camera's frame [m]; NaN where fewer than two cameras agree.
     """
@@ -119,8 +118,6 @@ class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
     clocks_s: Float64
     views: KeypointViews
     at_s: Float64
-    sightings: list[PersonPassage]
-    angles_rad: dict[tuple[int, int], float]
     lens_known: NDArray[np.bool_]
     people: Float64
 
@@ -136,8 +133,13 @@ class _Data(msgspec.Struct, frozen=True, eq=False):
 
     def sampled(self, camera: int, clock_s: float) -> SampledTracks:
         """Return a camera's tracks at the instants, by its clock [s]."""
-        parts = [at_instants(track, self.at_s + clock_s) for track in self.tracks[camera]]
-        return SampledTracks(*(np.stack([part[k] for part in parts]) for k in range(3)))
+        tracks, at_s = self.tracks[camera], self.at_s + clock_s
+        pixels, sizes = (np.stack(of) for of in zip(*(at_instants(track, at_s) for track in tracks), strict=True))
+        return SampledTracks(pixels, np.stack([velocities_at(track, at_s) for track in tracks]), sizes)
+
+    def pixels(self, camera: int, clock_s: float) -> Float64:
+        """Return the pixels of `sampled` alone."""
+        return np.stack([at_instants(track, self.at_s + clock_s)[0] for track in self.tracks[camera]])
 
     def thinned(self, every: int) -> _Data:
         """Return the same tracks at every so many instants."""
@@ -177,15 +179,17 @@ def solving_people(
     lenses = np.array([_lens(name, size, known) for name, size in zip(data.names, data.sizes_px, strict=True)])
     lens_known = np.array([name in known for name in data.names])
     clocks = np.zeros(len(data.names))
-    progress("comparing pairs of cameras …")
-    pairs = yield from _pairs(data, lenses, clocks, s)
     if s.clock_search_s > 0:
         progress("searching the clocks …")
-        clocks = yield from _searched_clocks(data, lenses, pairs, s)
-        pairs = yield from _pairs(data, lenses, clocks, s)
-    _check_pairs(data, pairs)
+        clocks = yield from _searched_clocks(data, lenses, s)
+    progress("comparing pairs of cameras …")
+    directions = _directions(data, lenses, clocks)
+    pairs = yield from _pairs(data, directions, s)
+    tree = spanning_tree(pairs, len(data.names))
+    _check_pairs(data, pairs, tree)
     progress("adjusting the cameras …")
-    poses = _tree(data, lenses, clocks, pairs)
+    placed = tree_poses(pairs, directions, data.passages, tree, STATURE_M)
+    poses = np.stack([placed[k] for k in range(len(data.names))])
     rough = data.thinned(max(1, len(data.at_s) // _ROUGH_INSTANTS))
     solution = yield from _solution(rough, _Start(poses, lenses, clocks, lens_known), pairs)
     solution = yield from _again(data, solution)
@@ -256,9 +260,8 @@ def _lens(name: str, size_px: tuple[int, int], known: Mapping[str, Camera]) -> F
 
 
 def _pairs(
-    data: _Data, lenses: Float64, clocks: Float64, s: RigFromPeopleSettings
+    data: _Data, directions: Sequence[Float64], s: RigFromPeopleSettings
 ) -> Steps[dict[tuple[int, int], CameraPair]]:
-    directions = _directions(data, lenses, clocks)
     found = {}
     for a, b in combinations(range(len(data.names)), 2):
         rng = np.random.default_rng([s.seed, a, b])
@@ -269,23 +272,21 @@ def _pairs(
 
 
 def _directions(data: _Data, lenses: Float64, clocks: Float64) -> list[Float64]:
-    return [undistort(data.sampled(c, clocks[c]).pixels, lenses[c]) for c in range(len(data.names))]
+    return [undistort(data.pixels(c, clocks[c]), lenses[c]) for c in range(len(data.names))]
 
 
-def _searched_clocks(
-    data: _Data, lenses: Float64, pairs: Mapping[tuple[int, int], CameraPair], s: RigFromPeopleSettings
-) -> Steps[Float64]:
+def _searched_clocks(data: _Data, lenses: Float64, s: RigFromPeopleSettings) -> Steps[Float64]:
     """Return the clocks at which pairs of cameras agree best, from a coarse grid, along a tree from the first."""
     steps = max(1, round(s.clock_search_s / _CLOCK_STEP_S))
     offsets = np.arange(-steps, steps + 1) * _CLOCK_STEP_S
     cameras = len(data.names)
     found: dict[tuple[int, int], tuple[CameraPair, float]] = {}
+    directions = _directions(data, lenses, np.zeros(cameras))
     for a, b in combinations(range(cameras), 2):
-        first = undistort(data.sampled(a, 0.0).pixels, lenses[a])
         best: tuple[CameraPair, float] | None = None
         for offset in offsets:
-            second = undistort(data.sampled(b, float(offset)).pixels, lenses[b])
-            pair = yield from finding_pair(first, second, data.passages, np.random.default_rng([s.seed, a, b]))
+            second = undistort(data.pixels(b, float(offset)), lenses[b])
+            pair = yield from finding_pair(directions[a], second, data.passages, np.random.default_rng([s.seed, a, b]))
             if pair is not None and (best is None or pair.score > best[0].score):
                 best = pair, float(offset)
         if best is not None:
@@ -301,9 +302,8 @@ _CLOCK_STEP_S: Final = 0.1
 """Step of the search for the offset of two cameras' clocks [s]."""
 
 
-def _check_pairs(data: _Data, pairs: Mapping[tuple[int, int], CameraPair]) -> None:
+def _check_pairs(data: _Data, pairs: Mapping[tuple[int, int], CameraPair], tree: Sequence[tuple[int, int]]) -> None:
     cameras = len(data.names)
-    tree = spanning_tree(pairs, cameras)
     reached = {0} | {new for _, new in tree}
     if len(reached) < cameras:
         others = ", ".join(data.names[k] for k in range(cameras) if k not in reached)
@@ -334,12 +334,6 @@ class _Start(msgspec.Struct, frozen=True, eq=False):
     lens_known: NDArray[np.bool_]
 
 
-def _tree(data: _Data, lenses: Float64, clocks: Float64, pairs: Mapping[tuple[int, int], CameraPair]) -> Float64:
-    tree = spanning_tree(pairs, len(data.names))
-    poses = tree_poses(pairs, _directions(data, lenses, clocks), data.passages, tree, STATURE_M)
-    return np.stack([poses[k] for k in range(len(data.names))])
-
-
 def _solution(
     data: _Data, start: _Start, pairs: Mapping[tuple[int, int], CameraPair], *, complete: bool = False
 ) -> Steps[PeopleSolution]:
@@ -360,9 +354,8 @@ def _solution(
         if np.abs(moved).max() < _SETTLED_S and turn:
             break
         clocks = clocks + moved
-    angles = {key: pair.angle_rad for key, pair in pairs.items()}
     return PeopleSolution(
-        data.names, data.sizes_px, adjusted, clocks, views, at_s, sightings, angles, start.lens_known,
+        data.names, data.sizes_px, adjusted, clocks, views, at_s, start.lens_known,
         _all_joints(data, sightings, clocks, adjusted.bundle) if complete else np.zeros((0, len(HALPE), 3)),
     )  # fmt: skip
 
@@ -371,7 +364,7 @@ def _all_joints(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64
     """Triangulate all joints (bodies, 26, 3) of all people; NaN where no two cameras agree."""
     T = bundle.T_camera_world
     rays = [
-        _world_rays(data.sampled(c, float(clocks[c])).pixels, bundle.lenses[c], T[c]) for c in range(len(data.names))
+        camera_rays(data.pixels(c, float(clocks[c])), bundle.lenses[c], T[c])[..., :3] for c in range(len(data.names))
     ]
     origins = np.stack([inverse(one)[:3, 3] for one in T])
     bodies = []
@@ -383,13 +376,6 @@ def _all_joints(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64
         flat = of.reshape(-1, len(T), 3)
         bodies.append(triangulate_rays(origins, flat, np.ones(flat.shape[:2])).reshape(len(here), -1, 3))
     return np.concatenate(bodies)
-
-
-def _world_rays(pixels: Float64, lens: Float64, T_camera_world: Float64) -> Float64:
-    """Return the unit directions (..., 3) of pixels (..., 2) in the world."""
-    d = undistort(pixels, lens)
-    d = np.concatenate([d, np.ones((*d.shape[:-1], 1))], axis=-1) @ T_camera_world[:3, :3]
-    return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
 
 _ROUGH_INSTANTS: Final = 40
@@ -456,7 +442,7 @@ def _bundle(
     rays = np.full((bodies, JOINTS, cameras, 3), np.nan)
     for c in range(cameras):
         mine = views.camera == c
-        rays[views.body[mine], views.joint[mine], c] = _world_rays(views.pixel[mine], lenses[c], T[c])
+        rays[views.body[mine], views.joint[mine], c] = camera_rays(views.pixel[mine], lenses[c], T[c])[:, :3]
     origins = np.stack([inverse(one)[:3, 3] for one in T])
     flat = rays.reshape(-1, cameras, 3)
     joints = triangulate_rays(origins, flat, np.ones(flat.shape[:2])).reshape(bodies, JOINTS, 3)
@@ -487,17 +473,8 @@ def _prior(data: _Data, start: _Start, clocks: Float64, lenses: Float64) -> Bund
     focal = np.where(start.lens_known, lenses[:, :2].mean(axis=1), unknown)
     return BundlePrior(
         free, np.log(focal), np.full(cameras, FOCAL_SD), -(clocks - clocks[0]), np.full(cameras, _CLOCK_SD_S),
-        start.T_camera_world, np.zeros((cameras, 6, 6)), STATURE_M,
+        STATURE_M,
     )  # fmt: skip
 
 
 _CLOCK_SD_S: Final = 1.0
-
-
-def residuals_px(found: PeopleSolution) -> Float64:
-    """Return the median residual (cameras,) of each camera's keypoints [px]."""
-    r = np.linalg.norm(found.adjusted.residual_px, axis=1)
-    return np.array([
-        float(np.median(r[found.views.camera == c])) if (found.views.camera == c).any() else float("nan")
-        for c in range(len(found.names))
-    ])  # fmt: skip

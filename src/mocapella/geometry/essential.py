@@ -76,7 +76,8 @@ def five_point(a: Any, b: Any) -> tuple[Float64, NDArray[np.int64]]:
     action[:, 6, 0] = action[:, 7, 1] = action[:, 8, 3] = action[:, 9, 6] = 1.0
     values, vectors = np.linalg.eig(action)
     last = np.where(np.abs(vectors[:, 9]) > 1e-12, vectors[:, 9], np.nan)
-    roots = np.moveaxis(vectors[:, 6:9] / last[:, None], 1, 2)  # (samples, 10, 3)
+    with np.errstate(invalid="ignore"):  # roots at infinity are NaN
+        roots = np.moveaxis(vectors[:, 6:9] / last[:, None], 1, 2)  # (samples, 10, 3)
     real = (np.abs(values.imag) <= _REAL * (1 + np.abs(values))) & np.isfinite(roots).all(axis=-1)
     sample, which = np.nonzero(real)
     xyz = np.concatenate([roots[sample, which].real, np.ones((len(sample), 1))], axis=1)

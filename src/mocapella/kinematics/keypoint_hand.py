@@ -59,7 +59,6 @@ class KeypointHand:
         self.side: Handedness = side
         self._model = hand_model("full")
         self._start = self._model.shape(side)
-        self._set_shape(self._start)
         self.reset()
 
     def reset(self) -> None:
