@@ -11,12 +11,13 @@ from typer.testing import CliRunner
 
 from mocapella.cli import import_commands
 from mocapella.cli.app import app
-from mocapella.cli.evaluate_webcams import _FIGURES, show_webcams
+from mocapella.cli.evaluate_webcams import _WHERE, _WHO, show_webcams
 from mocapella.evaluation.webcams import judged
 from mocapella.sources.simulate.crowd import crowd_names
 
 import_commands()
 VERB = ("lab", "evaluate", "webcams")
+FIGURES = _WHO | _WHERE
 
 
 def test_help_lists_the_scenes() -> None:
@@ -26,7 +27,7 @@ def test_help_lists_the_scenes() -> None:
 
 
 def test_the_table_has_every_figure_and_verdict() -> None:
-    mean = dict.fromkeys(_FIGURES, 12.345)
+    mean = dict.fromkeys(FIGURES, 12.345)
     person = {"present_percent": 100.0, "median_mm": 20.0, "p95_mm": 90.0, "ids": 1}
     clip = {"people": [person], "others_percent": 0.0, "measured_percent": 90.0}
     result = {"seeds": [0], "scenes": {"six-walk": {"mean": mean}}, "clips": {"pose2sim_single_person": clip}}
@@ -34,9 +35,9 @@ def test_the_table_has_every_figure_and_verdict() -> None:
     out = Console(record=True, width=80)
     show_webcams(result, out)
     text = out.export_text()
-    assert text.count("12.35") >= len(_FIGURES)
+    assert text.count("12.35") >= len(FIGURES)
     assert "…" not in text
-    assert all(words.partition("\n")[0] in text for words in _FIGURES.values())
+    assert all(words.partition("\n")[0] in text for words in FIGURES.values())
     assert "six-walk: hota: 12.35 (≥ 0.95) met" in text
     assert "person 1: p95_mm: 90.00 (≤ 80) not met" in text
 
@@ -55,7 +56,7 @@ def test_the_json_has_runs_and_targets(tmp_path: Path) -> None:
     assert done.exit_code == 0
     result = json.loads(out.read_text(encoding="utf-8"))
     assert set(result) == {"seeds", "scenes", "clips", "targets"}
-    assert set(_FIGURES) <= set(result["scenes"]["turning/2"]["mean"])
+    assert set(FIGURES) <= set(result["scenes"]["turning/2"]["mean"])
 
 
 def test_errors_are_not_measured_without_recordings(tmp_path: Path) -> None:

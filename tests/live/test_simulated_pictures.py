@@ -75,3 +75,18 @@ def test_too_many_queries_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             idle.ask(PICTURE, refused.append)
     (answer,) = refused
     assert "ask again later" in read_answer(answer).message
+
+
+def test_an_unexpected_error_costs_its_query_only(pictures: SimulatedPictures, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("no such joint")
+
+    pictures.time_ns = 0
+    answered = queue.Queue[bytes]()
+    with monkeypatch.context() as patch:
+        patch.setattr("mocapella.sources.simulate.keypoint_picture.draw_bodies", broken)
+        pictures.ask(PICTURE, answered.put)
+        failed = read_answer(answered.get(timeout=30))
+    assert (failed.ok, "no such joint" in failed.message) == (False, True), failed.message
+    pictures.ask(PICTURE, answered.put)
+    assert read_answer(answered.get(timeout=30)).ok

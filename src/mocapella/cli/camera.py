@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal, cast
 
 import typer
 
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_keys, read_settings, set_option
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say, write_json
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, say
 from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, opened_detector
 from mocapella.cli.node_keypoints import KeypointNodeKeys, camera_source, serve_keypoints
 from mocapella.cli.nodes import (
@@ -21,6 +21,7 @@ from mocapella.cli.nodes import (
     NodeKeys,
     SensorName,
     read_epoch,
+    tell_camera_end,
 )
 from mocapella.cli.pictures import BLUE, EXPOSURE, FOURCC, GAIN, RED, WHITE_BALANCE, Fps, Size, tell_state, wishes
 from mocapella.errors import SettingsError
@@ -124,7 +125,4 @@ def camera(
                 epoch=zero, stop=stop, say=say,
                 wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else keys.linger,
             )  # fmt: skip
-    say(f"{sensor}: {summary.published} frames published; {work.words()}")
-    for problem in summary.report["problems"]:
-        say(f"{sensor}: {problem}")
-    write_json(json, asdict(summary))
+    tell_camera_end(summary, work.words(), json)

@@ -31,7 +31,6 @@ _WHERE: Final = {
     "false_percent": "false\n%",
     "normalised": "error\n/ sd",
 }
-_FIGURES: Final = _WHO | _WHERE
 
 
 def _webcams_keys(_context: typer.Context) -> Iterator[str]:

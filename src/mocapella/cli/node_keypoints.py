@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from mocapella.cli.command_settings import SettingsFile, read_keys, read_settings, set_option
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, say, write_json
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, Seed, say
 from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.nodes import (
     DROP_AFTER_MS,
@@ -25,6 +25,7 @@ from mocapella.cli.nodes import (
     SensorName,
     read_epoch,
     serve_frames,
+    tell_camera_end,
 )
 from mocapella.cli.pictures import FOURCC, Fps, Size, tell_state, wishes
 from mocapella.conventions import NS_PER_S
@@ -32,6 +33,9 @@ from mocapella.errors import SettingsError
 
 if TYPE_CHECKING:
     from mocapella.detectors.keypoint_detector import PeopleDetector
+    from mocapella.live.camera_node import CameraNodeSettings, CameraNodeSummary
+    from mocapella.live.keypoint_work import KeypointWork
+    from mocapella.live.node_disk import NodeDisk
 
 _NUMBER: Final = re.compile(r"[0-9]{1,3}")
 
@@ -123,7 +127,7 @@ def _serve_simulated(
             pictures.time_ns = frame.time_ns
             yield DueFrame(due_s, frame)
 
-    with SimulatedPictures(camera, round(seconds * NS_PER_S)) as pictures:
+    with SimulatedPictures(camera, round(seconds * NS_PER_S), say) as pictures:
         serve_frames(
             frames, name or camera.name, connect, zero, json, wait=wait, disk=disk, on_question=pictures.ask
         )  # fmt: skip
@@ -164,11 +168,7 @@ def serve_keypoints(
 ) -> None:
     """Serve a camera or a film with a keypoint detector, until it ends or Ctrl-C; report the result at the end."""
     from mocapella.live.camera_node import CameraNodeSettings
-    from mocapella.live.camera_service import CameraService
-    from mocapella.live.keypoint_node import run_keypoint_node
     from mocapella.live.keypoint_work import KeypointWork
-    from mocapella.live.node_disk import open_link
-    from mocapella.live.signals import stop_on_signals
     from mocapella.model.observations import check_sensor_name
     from mocapella.sensing.colour_profile import CameraControls
     from mocapella.sources.acquisition import Acquisition
@@ -181,18 +181,44 @@ def serve_keypoints(
         tell_state(sensor, pictures, acquisition.state)
         work = KeypointWork(sensor, acquisition, finds)
         zero = read_epoch() if epoch_from_input else epoch
-        # From here on standard input is watched: it ends when the parent process does.
-        with (
-            stop_on_signals() as stop,
-            CameraService(work, say=say) as service,
-            open_link(connect, sensor, keys.disk(), say=say) as link,
-        ):
-            summary = run_keypoint_node(
-                link, acquisition, work, service, CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report),
-                epoch=zero, stop=stop, say=say,
-                wait=not (pictures.live or zero is not None), linger_s=0.0 if pictures.live else keys.linger,
-            )  # fmt: skip
-    say(f"{sensor}: {summary.published} frames published; {work.words()}")
-    for problem in summary.report["problems"]:
-        say(f"{sensor}: {problem}")
-    write_json(json, asdict(summary))
+        node_settings = CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report)
+        summary = run_keypoints(work, connect, keys.disk(), node_settings, epoch=zero, linger_s=keys.linger)
+    tell_camera_end(summary, work.words(), json)
+
+
+def run_keypoints(
+    work: KeypointWork,
+    connect: str,
+    disk: NodeDisk | None,
+    settings: CameraNodeSettings,
+    *,
+    epoch: float | None,
+    linger_s: float = 0.0,
+) -> CameraNodeSummary:
+    """Serve a camera's or a film's keypoints until it ends or Ctrl-C; return the counts.
+
+    From here on standard input is watched: it ends when the parent process does.
+
+    Args:
+        work: detects people; its source is not started yet.
+        connect: address of the server, such as ``tls/127.0.0.1:7447``.
+        disk: files that the node writes to its own disk; None for a spool only.
+        settings: settings of the node.
+        epoch: Unix time of the source's time 0 [s]; None for the beginning of the run.
+        linger_s: time to keep running after a film's last frame, so that a take can fetch missed frames [s].
+    """
+    from mocapella.live.camera_service import CameraService
+    from mocapella.live.keypoint_node import run_keypoint_node
+    from mocapella.live.node_disk import open_link
+    from mocapella.live.signals import stop_on_signals
+
+    live = work.acquisition.source.live
+    with (
+        stop_on_signals() as stop,
+        CameraService(work, say=say) as service,
+        open_link(connect, work.camera, disk, say=say) as link,
+    ):
+        return run_keypoint_node(
+            link, work.acquisition, work, service, settings, epoch=epoch, stop=stop, say=say,
+            wait=not (live or epoch is not None), linger_s=0.0 if live else linger_s,
+        )  # fmt: skip

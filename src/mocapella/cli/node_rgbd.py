@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,9 +10,10 @@ import typer
 
 from mocapella.cli.arm import Intrinsics, Unit
 from mocapella.cli.command_settings import KeySpec, SettingsFile, read_settings, set_option
-from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, parse_size, say, write_json
+from mocapella.cli.common import DEFAULT_ADDRESS, Connect, JsonOut, need_cameras, parse_size, say
 from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
-from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, NodeKeys
+from mocapella.cli.node_keypoints import run_keypoints
+from mocapella.cli.nodes import DROP_AFTER_MS, LOOP, NAME_HELP, REPORT, Epoch, NodeKeys, tell_camera_end
 from mocapella.cli.pictures import Fps, Size
 from mocapella.errors import SettingsError
 
@@ -67,11 +68,7 @@ def rgbd(
     need_cameras("node rgbd")
     from mocapella.cli.depth_recordings import depth_of_take, depth_options
     from mocapella.live.camera_node import CameraNodeSettings
-    from mocapella.live.camera_service import CameraService
-    from mocapella.live.keypoint_node import run_keypoint_node
-    from mocapella.live.node_disk import open_link
     from mocapella.live.rgbd_work import RgbdWork
-    from mocapella.live.signals import stop_on_signals
     from mocapella.model.observations import check_sensor_name
     from mocapella.sensing.keypoint_depth import LiftSettings
     from mocapella.settings import check
@@ -88,19 +85,9 @@ def rgbd(
     with Acquisition(images, say=say) as acquisition:
         work = RgbdWork(sensor, acquisition, finds, lift)
         _tell_state(sensor, acquisition.source.name, acquisition.state)
-        with (
-            stop_on_signals() as stop,
-            CameraService(work, say=say) as service,
-            open_link(connect, sensor, keys.disk(), say=say) as link,
-        ):
-            summary = run_keypoint_node(
-                link, acquisition, work, service, CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report),
-                epoch=epoch, stop=stop, wait=not (images.live or epoch is not None), say=say,
-            )  # fmt: skip
-    say(f"{sensor}: {summary.published} frames published; {work.words()}")
-    for problem in summary.report["problems"]:
-        say(f"{sensor}: {problem}")
-    write_json(json, asdict(summary))
+        node_settings = CameraNodeSettings(keys.drop_after_ms / 1e3, keys.report)
+        summary = run_keypoints(work, connect, keys.disk(), node_settings, epoch=epoch)
+    tell_camera_end(summary, work.words(), json)
 
 
 def _detector(images: PictureSource, name: str | None, model: Path | None, settings: dict[str, Any]) -> PeopleDetector:

@@ -18,6 +18,7 @@ from mocapella.cli.common import record_file, say, write_json
 from mocapella.model.names import plural
 
 if TYPE_CHECKING:
+    from mocapella.live.camera_node import CameraNodeSummary
     from mocapella.live.due_frame import DueFrame
     from mocapella.live.node_disk import NodeDisk
     from mocapella.wire.node import OnQuestion
@@ -92,6 +93,20 @@ def read_epoch() -> float:
 
 def _unreceived(frames: int) -> str:
     return f"nobody received its {plural(frames, 'frame', 'frames')}" if frames else "the sensor has sent no frame"
+
+
+def tell_camera_end(summary: CameraNodeSummary, words: str, json: str | None) -> None:
+    """Report the counts and problems of a camera's node at its end.
+
+    Args:
+        summary: the counts.
+        words: main counts of the node's work as one line.
+        json: file for the summary, or ``-`` for standard output; None writes none.
+    """
+    say(f"{summary.sensor}: {summary.published} frames published; {words}")
+    for problem in summary.report["problems"]:
+        say(f"{summary.sensor}: {problem}")
+    write_json(json, asdict(summary))
 
 
 def serve_frames(

@@ -29,6 +29,7 @@ from mocapella.cli.common import (
 )
 from mocapella.cli.keypoint_options import KeypointDetectorName, ModelFile, detector_keys, opened_detector
 from mocapella.cli.pictures import Fps
+from mocapella.model.names import plural
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -235,10 +236,9 @@ def _follow(run: FilmPeople, shown: VideoSet, stop: Any) -> bool:
 def _tell(counts: FilmCounts, path: Path) -> None:
     for name, images in counts.images.items():
         say(f"{name}: somebody in {counts.with_people[name]} of {images} images")
-    people = "1 person" if counts.ids == 1 else f"{counts.ids} people"
     say(
-        f"{path}: {people} in all, at most {counts.most_people} at once, somebody tracked in {counts.tracked} of "
-        f"{counts.instants} instants"
+        f"{path}: {plural(counts.ids, 'person', 'people')} in all, at most {counts.most_people} at once, "
+        f"somebody tracked in {counts.tracked} of {counts.instants} instants"
     )
     if not counts.tracked:
         nobody = [name for name, seen in counts.with_people.items() if not seen]

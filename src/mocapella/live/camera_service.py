@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import queue
 import threading
 import time
 from collections import OrderedDict, deque
@@ -12,14 +10,14 @@ from dataclasses import asdict, dataclass
 from dataclasses import replace as changed
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Literal, Protocol
 
 from msgspec.structs import replace
 
-from mocapella.errors import MocapellaError, NotNowError, SettingsError
+from mocapella.errors import NotNowError, SettingsError
 from mocapella.live.live_controls import LiveControls
 from mocapella.live.marker_work import DetectedPicture
+from mocapella.live.question_thread import QuestionThread
 from mocapella.model.board import parse_board
 from mocapella.sensing.boards import BoardDetector, why_not_found
 from mocapella.sensing.colour_learning import ColourSample, learn_colours
@@ -29,7 +27,6 @@ from mocapella.sensing.marker_mask import encode_image, mask_image
 from mocapella.sensing.markers import MarkerDetector
 from mocapella.settings import check
 from mocapella.sources.acquisition import Acquisition
-from mocapella.supervision import Boundary
 from mocapella.wire.questions import (
     AskBoard,
     AskControls,
@@ -107,7 +104,7 @@ class PictureWork(Protocol):
         """Return the main counts of `report` as one line for the user."""
 
 
-class CameraService:
+class CameraService(QuestionThread):
     """Answers queries (`mocapella.wire.questions`) on a thread of its own, which the constructor starts.
 
     A context manager; leaving it ends the thread.
@@ -131,15 +128,12 @@ class CameraService:
     ) -> None:
         self._work, self._file, self.settings = work, profile_file, settings or CameraServiceSettings()
         self._say, self._clock = say, clock
-        self._errors = Boundary(say)
-        self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(self.settings.waiting)
         self._asked_s: deque[float] = deque(maxlen=self.settings.a_second)
-        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._lock = threading.Lock()
         self._shown: OrderedDict[int, DetectedPicture] = OrderedDict()
         self._board: tuple[str, BoardDetector] | None = None
         self._before: ColourProfile | Literal["saved"] | None = _SAVED
-        self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
-        self._thread.start()
+        super().__init__(self.settings.waiting, say)
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> None:
         """Queue a query, or refuse it beyond the limits; return at once.
@@ -156,42 +150,10 @@ class CameraService:
                 refusal = f"more than {recent.maxlen} questions a second; ask again in a second"
             else:
                 recent.append(now_s)
-        if not refusal:
-            try:
-                self._waiting.put_nowait((question, reply))
-                return
-            except queue.Full:
-                refusal = f"{self.settings.waiting} questions wait already; ask again when they are answered"
-        reply(write_answer(NodeAnswer(False, refusal)))
-
-    def answer(self, question: bytes) -> NodeAnswer:
-        """Answer a query, given as JSON, on the caller's thread; if it is refused, the answer gives the reason."""
-        try:
-            return self._answers(question)
-        except MocapellaError as error:
-            return NodeAnswer(False, str(error))
-
-    def close(self) -> None:
-        """End the thread after its current answer."""
-        self._ended.set()
-        with contextlib.suppress(queue.Full):  # then the thread is awake
-            self._waiting.put_nowait(None)
-        self._thread.join(1.0)
-
-    def __enter__(self) -> CameraService:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _run(self) -> None:
-        while (waiting := self._waiting.get()) is not None and not self._ended.is_set():
-            question, reply = waiting
-            problem = self._errors.run("question", lambda: reply(write_answer(self.answer(question))))  # noqa: B023
-            if problem:
-                self._errors.run("answer", lambda: reply(write_answer(NodeAnswer(False, problem))))  # noqa: B023
+        if not refusal and not self._queue(question, reply):
+            refusal = f"{self.settings.waiting} questions wait already; ask again when they are answered"
+        if refusal:
+            reply(write_answer(NodeAnswer(False, refusal)))
 
     def _answers(self, data: bytes) -> NodeAnswer:  # noqa: PLR0911 - one return per query
         match read_question(data):

@@ -23,6 +23,7 @@ from mocapella.tracker.protocol import Tracker
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
 
 _HALPE: Final = topology("halpe_26")
 _NECK: Final = _HALPE.index("Neck")
@@ -101,15 +102,11 @@ class FilmPeople:
         at_ns = shown.time_ns + 1  # a time of 0 is unknown
         scene = self._scene
         for name, image in shown.images.items():
-            finds = self._detectors[name]
             placed = self._cameras.get(name)
             regions = None
             if placed is not None and self._scene is not None:
                 regions = expected_regions(self._scene, placed)
-            seen = finds.update(image, at_ns / NS_PER_S, regions)
-            size_px = (image.shape[1], image.shape[0])
-            made = frame_of(seen, finds.topology, name, at_ns, size_px)
-            frame = msgspec.structs.replace(made, node_id=FILM_NODE, sequence=self._images[name])
+            frame = _detected(self._detectors[name], name, image, at_ns, self._images[name], regions=regions)
             self._images[name] += 1
             self._seen[name] += bool(frame.bodies)
             arrival = Arrival(frame, at_ns)
@@ -153,13 +150,19 @@ def detect_in_films(
     for one in films:
         at_ns = one.time_ns + 1  # a time of 0 is unknown
         for name, image in one.images.items():
-            finds = detectors[name]
-            seen = finds.update(image, at_ns / NS_PER_S, None)
-            made = frame_of(seen, finds.topology, name, at_ns, (image.shape[1], image.shape[0]))
-            found[name].append(msgspec.structs.replace(made, node_id=FILM_NODE, sequence=len(found[name])))
+            found[name].append(_detected(detectors[name], name, image, at_ns, len(found[name])))
         if not shown():
             break
     return found
+
+
+def _detected(
+    finds: PeopleDetector, camera: str, image: UInt8, at_ns: int, sequence: int, *, regions: Float32 | None = None
+) -> KeypointFrame:
+    """Return the keypoint frame of a film's image, with its number ``sequence``."""
+    seen = finds.update(image, at_ns / NS_PER_S, regions)
+    made = frame_of(seen, finds.topology, camera, at_ns, (image.shape[1], image.shape[0]))
+    return msgspec.structs.replace(made, node_id=FILM_NODE, sequence=sequence)
 
 
 def expected_regions(scene: Scene, placed: PlacedCamera) -> Float32:

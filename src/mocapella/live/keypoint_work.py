@@ -147,7 +147,7 @@ class KeypointWork(UnmarkedWork):
 
 
 def dead(image: Any) -> str:
-    """Return whether an image (height, width, 3) uint8 is ``black`` or ``uniform``; empty if it shows something."""
+    """Return ``black`` or ``of one colour`` for such an image (height, width, 3) uint8; empty if it shows something."""
     some = image[::_EVERY_PX, ::_EVERY_PX].astype(np.float32).mean(axis=-1)
     if some.mean() < DARK and some.max() < 2 * DARK:
         return "black"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mocapella.geometry.lens import undistort
-from mocapella.live.camera_node import CameraNodeSettings, run_camera_node
+from mocapella.live.camera_node import CameraNodeSettings, CameraNodeSummary, run_camera_node, summary
 from mocapella.live.camera_service import CameraService
 from mocapella.live.marker_work import MarkerWork
 from mocapella.live.stage_times import StageTimes
@@ -22,26 +22,15 @@ from mocapella.wire.node import NodeLink
 
 
 @dataclass(frozen=True)
-class MarkerNodeSummary:
-    """Counts of a camera's node.
+class MarkerNodeSummary(CameraNodeSummary):
+    """Counts of a camera's node that detects markers.
 
     Attributes:
-        sensor, node_id: its identity on the bus; the id as 16 hex digits.
-        served: whether a server ever accepted the node.
-        published: number of published frames.
-        seconds: from the start of acquisition to the end [s].
-        report: as `MarkerWork.report`.
         stages, jitter: `StageTimes.table` and `StageTimes.jitter`; None if no times were measured.
         processor_ms: processor time of an image, in all threads of the process, also the camera's [ms]; None if no
             times were measured.
     """
 
-    sensor: str
-    node_id: str
-    served: bool
-    published: int
-    seconds: float
-    report: dict[str, Any]
     stages: dict[str, dict[str, float]] | None = None
     jitter: dict[str, dict[str, float]] | None = None
     processor_ms: float | None = None
@@ -119,12 +108,7 @@ def run_marker_node(
         begun=lambda: link.answer(service.ask), full=None if times is None else lambda: times.full,
     )  # fmt: skip
     return MarkerNodeSummary(
-        sensor=link.node.sensor,
-        node_id=f"{link.node.node_id:016x}",
-        served=run.served,
-        published=link.published,
-        seconds=run.seconds,
-        report=work.report() | {"errors": run.errors},
+        **vars(summary(link, run, work.report())),
         stages=None if times is None else times.table(),
         jitter=None if times is None else times.jitter(work.names),
         processor_ms=1e3 * (spent_s[1] - spent_s[0]) / (times.count - 1) if times and len(spent_s) > 1 else None,

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-import queue
-import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final
 
-from mocapella.errors import MocapellaError, NotNowError
+from mocapella.errors import NotNowError
+from mocapella.live.question_thread import QuestionThread
 from mocapella.sources.simulate.keypoint_camera import SimulatedKeypointCamera
 from mocapella.wire.questions import AskPicture, AskReport, NodeAnswer, read_question, write_answer
 
@@ -21,7 +19,7 @@ NO_OPENCV: Final = (
 NO_CONTROLS: Final = "this camera is simulated; it has images, but no controls, colours or board"
 
 
-class SimulatedPictures:
+class SimulatedPictures(QuestionThread):
     """Draws the image of the newest frame for each query, on a thread of its own, which the constructor starts.
 
     A context manager; leaving it ends the thread.
@@ -29,18 +27,18 @@ class SimulatedPictures:
     Args:
         camera: the simulated camera.
         round_ns: duration of its scene, which is repeated [ns].
+        say: receives messages about unexpected errors.
 
     Attributes:
         time_ns: capture time of the newest frame [ns]; None before the first.
     """
 
-    def __init__(self, camera: SimulatedKeypointCamera, round_ns: int) -> None:
+    def __init__(
+        self, camera: SimulatedKeypointCamera, round_ns: int, say: Callable[[str], None] = lambda text: None
+    ) -> None:
         self._camera, self._round_ns = camera, round_ns
         self.time_ns: int | None = None
-        self._waiting: queue.Queue[tuple[bytes, Callable[[bytes], None]] | None] = queue.Queue(_WAITING)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="questions", daemon=True)
-        self._thread.start()
+        super().__init__(_WAITING, say)
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> None:
         """Queue a query, or refuse it if too many wait; return at once.
@@ -49,43 +47,17 @@ class SimulatedPictures:
             question: the query as JSON (`mocapella.wire.questions`).
             reply: called once with the answer as JSON, but not for queries that still wait at `close`.
         """
-        try:
-            self._waiting.put_nowait((question, reply))
-        except queue.Full:
+        if not self._queue(question, reply):
             reply(write_answer(NodeAnswer(False, f"{_WAITING} questions wait already; ask again later")))
 
-    def answer(self, question: bytes) -> NodeAnswer:
-        """Answer a query, given as JSON, on the caller's thread; if it is refused, the answer gives the reason."""
-        try:
-            match read_question(question):
-                case AskPicture() as wanted:
-                    return self._picture(wanted)
-                case AskReport():
-                    return NodeAnswer(True, "a simulated camera", report={"problems": []})
-                case _:
-                    raise NotNowError(NO_CONTROLS)
-        except MocapellaError as error:
-            return NodeAnswer(False, str(error))
-
-    def close(self) -> None:
-        """End the thread after its current answer."""
-        self._ended.set()
-        if self._waiting.empty():
-            self._waiting.put_nowait(None)
-        self._thread.join(1.0)
-
-    def __enter__(self) -> SimulatedPictures:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _run(self) -> None:
-        while (waiting := self._waiting.get()) is not None and not self._ended.is_set():
-            question, reply = waiting
-            reply(write_answer(self.answer(question)))
+    def _answers(self, question: bytes) -> NodeAnswer:
+        match read_question(question):
+            case AskPicture() as wanted:
+                return self._picture(wanted)
+            case AskReport():
+                return NodeAnswer(True, "a simulated camera", report={"problems": []})
+            case _:
+                raise NotNowError(NO_CONTROLS)
 
     def _picture(self, wanted: AskPicture) -> NodeAnswer:
         if importlib.util.find_spec("cv2") is None:
