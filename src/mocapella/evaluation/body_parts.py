@@ -100,10 +100,9 @@ def pcp(true: Float64, found: list[Float64], share: float = 0.5) -> Pcp:
     """
     if true.ndim != 4 or len(found) != true.shape[1]:
         raise SettingsError(f"true has the shape {true.shape}; it wants (actors, {len(found)}, {len(JOINTS)}, 3)")
-    hits, cases = np.zeros((len(true), len(LIMBS))), np.zeros((len(true), len(LIMBS)))
+    _, known = correct_limbs(true, np.full(true.shape, np.nan), share)
+    hits, cases = np.zeros((len(true), len(LIMBS))), known.sum(axis=1)
     for t, people in enumerate(found):
-        _, known = correct_limbs(true[:, t], np.full(true[:, t].shape, np.nan), share)
-        cases += known
         if len(people):
             right, _ = correct_limbs(true[:, t][:, None], people[None], share)
             i, j = linear_sum_assignment(right.sum(axis=-1), maximize=True)

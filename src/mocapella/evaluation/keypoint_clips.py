@@ -32,6 +32,8 @@ CLIPS: Final = {
 """Rig and folder of the raw detections of each Pose2Sim clip, relative to its folder."""
 POSE2SIM_HZ: Final = 60.0
 """Frame rate of the Pose2Sim clips [Hz]."""
+MEDIAPIPE_HZ: Final = 24.0
+"""Frame rate of the MediaPipe session [Hz]."""
 _FIX: Final = "name the folder that has pose2sim_two_people and pose2sim_single_person"
 _MEDIAPIPE: Final = {
     0: "Nose", 2: "LEye", 5: "REye", 7: "LEar", 8: "REar", 11: "LShoulder", 12: "RShoulder", 13: "LElbow",
@@ -102,8 +104,8 @@ def mediapipe_clip(folder: Path) -> KeypointClip:
             points = np.full((1, len(HALPE), 2), np.nan)
             for to, column in columns:
                 points[0, to] = tracks.pixels[k, c, column]
-            found = points[:, np.isfinite(points).all(axis=2).any(axis=0)].size > 0
-            at_ns = round(k * NS_PER_S / 24.0)
+            found = np.isfinite(points).all(axis=2).any()
+            at_ns = round(k * NS_PER_S / MEDIAPIPE_HZ)
             row.append(
                 keypoint_frame(
                     name, HALPE, time_ns=at_ns, size_px=placed.camera.size_px, positions_px=points[: int(found)],
@@ -112,7 +114,11 @@ def mediapipe_clip(folder: Path) -> KeypointClip:
             )  # fmt: skip
         instants.append(tuple(row))
     return KeypointClip(
-        "mediapipe_holistic_4cam", rig, tuple(instants), np.full((0, len(instants), len(HALPE), 3), np.nan), 24.0
+        "mediapipe_holistic_4cam",
+        rig,
+        tuple(instants),
+        np.full((0, len(instants), len(HALPE), 3), np.nan),
+        MEDIAPIPE_HZ,
     )
 
 

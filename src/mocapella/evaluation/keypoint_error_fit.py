@@ -23,6 +23,7 @@ from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.triangulation import TriangulationSettings, Views, triangulate, views
 from mocapella.sources.simulate.body import JOINT, body_template
 from mocapella.sources.simulate.keypoint_body import GROUPS, HALPE, group_of, hiding_joint
+from mocapella.sources.simulate.keypoint_camera import LEGS
 from mocapella.sources.simulate.keypoint_errors import CONFIDENCE_BINS, QUANTILES, STATES, DetectorErrors, bin_of
 from mocapella.sources.simulate.occlusion import hidden, obstacles
 
@@ -140,7 +141,6 @@ def _assign(found: Float64, sure: Any, expected: Float64, sizes: Float64, rows: 
     cost = np.nan_to_num(np.minimum(direct, turned), nan=9.0)
     people, detections = linear_sum_assignment(cost) if cost.size else (np.zeros(0, int), np.zeros(0, int))
     used = set()
-    lower = [i for i, name in enumerate(HALPE.joints) if GROUPS[group_of()[i]] in ("knee", "ankle", "foot")]
     for p, d in zip(people, detections, strict=True):
         if cost[p, d] > SAME_PERSON:
             continue
@@ -150,12 +150,12 @@ def _assign(found: Float64, sure: Any, expected: Float64, sizes: Float64, rows: 
         rows.swapped[p] = turned[p, d] < 0.5 * direct[p, d] and direct[p, d] > 0.02
         if rows.swapped[p]:
             order = mirror
-        one = _cost(found[d][None][:, order][:, lower], expected[p][lower])
-        other = _cost(found[d][None][:, mirror[order]][:, lower], expected[p][lower])
+        one = _cost(found[d][None][:, order][:, LEGS], expected[p][LEGS])
+        other = _cost(found[d][None][:, mirror[order]][:, LEGS], expected[p][LEGS])
         rows.legs[p] = bool(other[0] < 0.5 * one[0] and one[0] > 0.03 * sizes[p])
         if rows.legs[p]:
             order = order.copy()
-            order[lower] = mirror[order][lower]
+            order[LEGS] = mirror[order][LEGS]
         rows.pixels[p], rows.confidences[p] = found[d][order], sure[d][order]
     extra = np.zeros(3, dtype=np.int64)
     for d in range(len(found)):

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocapella.kinematics.silhouette_fit import eye, seen_at
 from mocapella.model.keypoints import KeypointFrame, keypoint_frame
 from mocapella.model.openpose_names import LANDMARKS
 from mocapella.model.topology import topology
 from mocapella.sources.simulate.silhouette_scene import SilhouetteScene
-
-Float64 = NDArray[np.float64]
 
 OFFSET_M: Final = 0.02
 """Standard deviation of the constant offset of a keypoint from the landmark, along each axis [m]."""

@@ -34,21 +34,21 @@ _FAR_M: Final = 9.0
 """Mean distance that people without a common keypoint get [m]."""
 
 
-def match_people(apart: Float64) -> tuple[Float64, dict[int, int]]:
+def match_people(apart: Float64) -> dict[int, int]:
     """Match true and found people one to one, so that most are matched and their distances have the least sum.
 
     Args:
         apart: (true, found, joints) distances [m]; NaN where a joint is not known.
 
     Returns:
-        (true, found) mean distances [m]; and the found person of each matched true one, at most `SAME_M` away.
+        The found person of each matched true one, at a mean distance of at most `SAME_M`.
     """
     known = np.isfinite(apart)
     mean = np.where(
         known.any(axis=-1), np.where(known, apart, 0).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1), _FAR_M
     )
     rows, columns = linear_sum_assignment(np.where(mean <= SAME_M, mean - 100.0, 0.0)) if mean.size else ((), ())
-    return mean, {int(i): int(j) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M}
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M}
 
 
 class PeopleFigures(msgspec.Struct, frozen=True):
@@ -116,8 +116,7 @@ class PeopleScore:
         expected = ((cameras.sum(axis=-1) >= LEAST_SEEN).sum(axis=0) >= 2) & (room_ns >= AFTER_NS)
         found = np.array([person.positions for person in people]).reshape(len(people), true.shape[1], 3)
         apart = np.linalg.norm(true[:, None] - found[None], axis=-1)
-        mean, pairs = match_people(apart)
-        nobody = [j for j in range(len(people)) if not (len(true) and mean[:, j].min() <= SAME_M)]
+        pairs = match_people(apart)
         self._expected += int(expected.sum())
         self._found += sum(bool(expected[i]) for i in pairs)
         if room_ns >= AFTER_NS:
@@ -125,10 +124,9 @@ class PeopleScore:
         for i, j in pairs.items():
             self._add_pair(apart[i, j], seen[i], people[j])
         kept_true = [i for i in range(len(true)) if expected[i] or i in pairs]
-        doubles = [j for j in range(len(people)) if j not in pairs.values() and j not in nobody]
-        kept = sorted([*pairs.values(), *nobody, *doubles])
-        near = similarity(true[kept_true], found[kept]) if kept_true and kept else np.zeros((len(kept_true), len(kept)))
-        ids = tuple(people[j].id for j in kept)
+        shape = len(kept_true), len(people)
+        near = similarity(true[kept_true], found) if all(shape) else np.zeros(shape)
+        ids = tuple(person.id for person in people)
         self._frames.append(IdentityFrame(tuple(int(numbers[i]) for i in kept_true), ids, near))
         self._true.append(joints_of_halpe(np.where(expected[:, None, None], true, np.nan)))
         self._people.append(joints_of_halpe(found))

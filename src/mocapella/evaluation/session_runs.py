@@ -11,7 +11,6 @@ from mocapella.evaluation.causal_run import CausalRun, PersonThen, run_causally
 from mocapella.evaluation.protocol import LearntFromStudies, ScoredTracker
 from mocapella.evaluation.study_pairs import StudyFrames, StudySession
 
-Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 

@@ -117,6 +117,14 @@ def first_points(folder: Path) -> dict[str, Float64]:
     return joints_of_points(tracks, load_camera_rig(folder / "calibration" / "Calib_qualisys.toml"))
 
 
+def authors_joints(folder: Path, count: int) -> Float64:
+    """Return the authors' joints `SCORED` in the first ``count`` frames, (frames, joints, 3) in the rig's world [m]."""
+    (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
+    reference = read_trc(path)
+    markers = [reference.keypoints.index(name) for name in SCORED]
+    return np.asarray(reference.positions[:count, 0][:, markers][..., [2, 0, 1]], dtype=np.float64)
+
+
 def near(outline: Outline, pixels: Float64) -> Bools:
     """Return for each point (n, 2) x, y [px] whether it is inside a body's outline, or less than `GROWN_PX` outside.
 
@@ -147,10 +155,7 @@ def score_video(
     """
     names = list(body.mesh.landmarks)
     rig = rig_of(folder)
-    (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
-    reference = read_trc(path)
-    markers = [reference.keypoints.index(name) for name in SCORED]
-    theirs = reference.positions[: len(followed), 0][:, markers][..., [2, 0, 1]]
+    theirs = authors_joints(folder, len(followed))
     ours = np.array([one.landmarks for one in followed])[:, [names.index(LANDMARKS[name]) for name in SCORED]]
     far = 1000.0 * np.linalg.norm(ours[: len(theirs)] - theirs, axis=-1)
     joints = dict(zip(SCORED, np.nanmedian(far, axis=0).tolist(), strict=True))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.evaluation.silhouette_runs import alone, seen_at
 from mocapella.evaluation.silhouette_seated import follow_seated
-from mocapella.evaluation.silhouette_video import FRAME_NS, SCORED, filmed_rig, first_points, images_of
+from mocapella.evaluation.silhouette_video import FRAME_NS, SCORED, authors_joints, filmed_rig, first_points, images_of
 from mocapella.model.body_meshes import body_mesh
 from mocapella.model.body_proportions import proportions_of
 from mocapella.model.camera import CameraRig
@@ -29,7 +29,6 @@ from mocapella.model.point_tracks import match_cameras
 from mocapella.recording.bodies_file import ALONE
 from mocapella.recording.detection_files import read_detections
 from mocapella.recording.detections import keypoint_frames
-from mocapella.recording.trc_file import read_trc
 
 Float64 = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -102,10 +101,7 @@ def follow_clip(folder: Path, seconds: float | None = None, *, keypoints: bool) 
         places.append(fit.landmarks)
         unsupported.append(np.zeros(len(names), np.bool_) if fit.supported is None else ~fit.supported)
         overlaps += [seen.overlap for seen in fit.seen.values()]
-    (path,) = (p for p in (folder / "pose-3d").glob("*.trc") if "filt" not in p.name)
-    reference = read_trc(path)
-    markers = [reference.keypoints.index(name) for name in SCORED]
-    theirs = reference.positions[: len(places), 0][:, markers][..., [2, 0, 1]]
+    theirs = authors_joints(folder, len(places))
     columns = [names.index(LANDMARKS[name]) for name in SCORED]
     ours = np.array(places)[: len(theirs), columns]
     errors = np.linalg.norm(ours - theirs, axis=-1)

@@ -155,7 +155,7 @@ def score_clip(
             found = used.update(Arrival(frame, frame.time_ns)).people
         positions = np.array([person.positions for person in found]).reshape(len(found), people.shape[2], 3)
         distance = np.linalg.norm(people[:, t, None] - positions[None], axis=-1)
-        _, pairs = match_people(distance)
+        pairs = match_people(distance)
         others += len(found) - len(pairs)
         for i, j in pairs.items():
             apart[i].append(distance[i, j][np.isfinite(distance[i, j])])

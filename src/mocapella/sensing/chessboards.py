@@ -43,11 +43,9 @@ def chessboard_corners(gray: UInt8, shape: tuple[int, int]) -> Float64 | None:
     if found and larger != shape and set(larger) == set(shape):
         found, corners = cv2.findChessboardCornersSB(gray, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         larger = shape
-    new = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found and larger == shape else None
-    for one in (new, None if new is not None else _older(gray, shape)):
-        if one is not None and grown(gray, one, shape) == shape:
-            return one
-    return None
+    new = found and larger == shape
+    grid = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if new else _older(gray, shape)
+    return grid if grid is not None and grown(gray, grid, shape) == shape else None
 
 
 def chessboard_size(gray: UInt8) -> tuple[int, int] | None:

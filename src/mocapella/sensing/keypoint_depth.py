@@ -117,7 +117,7 @@ class KeypointLift:
         """
         if frame.size_px != self.size_px:
             raise SettingsError(f"size_px of the keypoints is {frame.size_px}; the camera's is {self.size_px}")
-        pinhole, depth = self._registered(np.ascontiguousarray(depth_m, np.float32))
+        pinhole, depth = self._lens[:4], self._registered(np.ascontiguousarray(depth_m, np.float32))
         n, people = len(frame.topology), len(frame.ids)
         pixels = np.array(frame.positions_px, np.float64)
         confidences = np.array(frame.confidences, np.float64)
@@ -129,17 +129,18 @@ class KeypointLift:
         statures = np.full(people, np.nan)
         limbs, focal = keypoint_limbs(frame.topology), float(pinhole[0])
         taken, count = np.empty((people * (n + 36), 7)), 0
+        found = np.zeros(people, np.bool_)
         # People in front are seen more surely: their surfaces belong to no person behind them.
         for k in np.argsort(-confidences.mean(axis=1), kind="stable").tolist():
             statures[k] = _kernels().lift_person(
                 depth, focal, limbs, rays[k], pixels[k], confidences[k], taken[:count], float(self.settings.sure),
                 positions[k], states[k],
             )  # fmt: skip
-            if np.isfinite(statures[k]) and (states[k] == JointState.TRACKED).sum() >= self.settings.joints:
+            tracked = np.count_nonzero(states[k] == JointState.TRACKED)
+            found[k] = np.isfinite(statures[k]) and tracked >= self.settings.joints
+            if found[k]:
                 count += _kernels().limbs_of(limbs, positions[k], statures[k], taken[count:])
-        there = np.flatnonzero(
-            np.isfinite(statures) & ((states == JointState.TRACKED).sum(axis=1) >= self.settings.joints)
-        )
+        there = np.flatnonzero(found)
         return LiftedJoints(there, positions[there], states[there], statures[there])
 
     def warm_up(self, own: Topology) -> None:
@@ -150,22 +151,22 @@ class KeypointLift:
         nobody = keypoint_frame("camera", own, time_ns=1, size_px=self.size_px, positions_px=pixels)
         self.joints(nobody, np.zeros(shape, np.float32))
 
-    def _registered(self, depth: Float32) -> tuple[Float64, Float32]:
-        """Return the pinhole camera (4,) fx fy cx cy [px] and the depth image [m] where keypoints are looked up."""
+    def _registered(self, depth: Float32) -> Float32:
+        """Return the depth image [m] where keypoints are looked up, in the pixels of the colour images."""
         width, height = self.size_px
         if self._depth_lens is None:
             if depth.shape != (height, width):
                 size = f"{depth.shape[1]} × {depth.shape[0]}"
                 raise SettingsError(f"the depth image has {size} px, and the colour image {width} × {height}; give "
                                     "the lens of the depth images, or register them")  # fmt: skip
-            return self._lens[:4], depth
+            return depth
         if self._rays is None or self._rays.shape[:2] != depth.shape:
             rows, columns = np.indices(depth.shape, dtype=np.float64)
             self._rays = undistort(np.stack([columns, rows], axis=-1), self._depth_lens)
         out = np.empty((height, width), np.float32)
         splat = max(1, math.ceil(self._lens[0] / self._depth_lens[0]))
         _kernels().register(depth, self._rays, self._T, self._lens[:4], splat, out)
-        return self._lens[:4], out
+        return out
 
 
 def body_frame_of(joints: LiftedJoints, frame: KeypointFrame, ids: Any = None) -> BodyFrame:

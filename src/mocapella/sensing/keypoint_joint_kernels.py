@@ -24,7 +24,6 @@ from mocapella.sensing.keypoint_limbs import KeypointLimbs
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 NOT_TRACKED, INFERRED, TRACKED = 0, 1, 2

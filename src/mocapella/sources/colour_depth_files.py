@@ -53,9 +53,7 @@ class ColourDepthFiles:
             raise InputError("has no folder of colour images", file=folder, fix=fix)
         self._depth = DepthFiles([folder / DEPTH], options)
         files = sorted((f for f in colours.iterdir() if f.suffix.lower() in IMAGES), key=lambda f: natural(f.name))
-        depths = sorted((f for f in (folder / DEPTH).iterdir() if f.suffix.lower() == ".png"),
-                        key=lambda f: natural(f.name))  # fmt: skip
-        self._pairs = _paired(depths, files, colours)
+        self._pairs = _paired(self._depth.files, files, colours)
         self.count = sum(colour is not None for colour, _ in self._pairs)
         if not self.count:
             fix = f"their names are times in seconds, which differ by more than {TOGETHER_S:g} s"

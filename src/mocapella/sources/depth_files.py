@@ -122,6 +122,7 @@ class DepthFiles:
 
     Attributes:
         name, state, count: name of the recording, the camera's parameters, and number of images.
+        files: the images' files, in their order.
         fps: frame rate [Hz]: the user's, else that of ``depth.toml``, else `USUAL_FPS`.
 
     Raises:
@@ -131,15 +132,15 @@ class DepthFiles:
 
     def __init__(self, paths: Sequence[Path], options: DepthOptions | None = None) -> None:
         options = options or DepthOptions()
-        self._files = _files(paths)
-        folder = self._files[0].parent
+        self.files = _files(paths)
+        folder = self.files[0].parent
         self.name = str(paths[0] if len(paths) == 1 else folder)
         sidecar = read_sidecar(folder / SIDECAR) if (folder / SIDECAR).exists() else DepthSidecar()
         self._raw = options.kinect_raw or (options.unit_m is None and sidecar.raw == KINECT_RAW)
         unit_m = UNIT_M if self._raw else options.unit_m if options.unit_m is not None else sidecar.unit_m
         lens = options.lens if options.lens is not None else lens_of(sidecar.lens or ())
         self.fps = options.fps or sidecar.fps or USUAL_FPS
-        self.count = len(self._files)
+        self.count = len(self.files)
         height, width = self._first().shape
         self.state = SourceState((width, height), self.fps, unit_m=unit_m, lens=lens)
 
@@ -152,7 +153,7 @@ class DepthFiles:
             InputError: a file is not a 16-bit image, has another size than the first, or has values above a Kinect's
                 11 bits.
         """
-        for number, file in enumerate(self._files):
+        for number, file in enumerate(self.files):
             time_ns = round(number * NS_PER_S / self.fps) + 1
             try:
                 depth = read_depth_png(file)
@@ -162,7 +163,7 @@ class DepthFiles:
             size = depth.shape[1], depth.shape[0]
             if size != self.state.size_px:
                 was = "{} × {}".format(*(self.state.size_px or ()))
-                fix = f"put images of one camera there: {self._files[0].name} is {was}"
+                fix = f"put images of one camera there: {self.files[0].name} is {was}"
                 raise InputError(f"is {size[0]} × {size[1]} px", file=file, fix=fix)
             if self._raw:
                 check_disparities(depth, file)
@@ -171,7 +172,7 @@ class DepthFiles:
     def _first(self) -> UInt16:
         """The first readable image."""
         first: DamagedImageError | None = None
-        for file in self._files:
+        for file in self.files:
             try:
                 return read_depth_png(file)
             except DamagedImageError as error:

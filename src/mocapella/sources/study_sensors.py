@@ -220,9 +220,7 @@ def nominal_motion(log: StudyLog, rows: NDArray[np.intp], placement: str) -> NDA
     if turn == 0.0:
         return rigid.rigid(np.eye(3), (PARALLEL_DISTANCE, 0.0, 0.0))
     logged = _logged_turn(log, rows)
-    turn = np.copysign(turn, logged) if logged else turn
-    R, axis = rigid.rotation_about_y(turn), np.array([0.0, 0.0, TURNING_DISTANCE])
-    return rigid.rigid(R, axis - R @ axis)
+    return _about_person(np.copysign(turn, logged) if logged else turn)
 
 
 def motion_by_angle(log: StudyLog, rows: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -244,6 +242,11 @@ def motion_by_angle(log: StudyLog, rows: NDArray[np.intp]) -> NDArray[np.float64
             value=NOT_AVAILABLE,
             fix="log the stand-still angles of all sensors",
         )
+    return _about_person(turn)
+
+
+def _about_person(turn: float) -> NDArray[np.float64]:
+    """Return ``T_reference_sensor`` (4, 4) of a sensor turned [rad] about a person in front of the reference."""
     R, axis = rigid.rotation_about_y(turn), np.array([0.0, 0.0, TURNING_DISTANCE])
     return rigid.rigid(R, axis - R @ axis)
 

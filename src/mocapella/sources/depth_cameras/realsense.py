@@ -46,17 +46,17 @@ class RealSenseCamera(DepthDevice):
         self._pipeline = pipeline
         unit_m = float(profile.get_device().first_depth_sensor().get_depth_scale())
         video = profile.get_stream(rs.stream.depth).as_video_stream_profile()
-        lens, problems = _lens(rs, video.get_intrinsics())
+        seen = video.get_intrinsics()
+        lens, problems = _lens(rs, seen)
         colour = None
         if o.colour:
             other = profile.get_stream(rs.stream.color).as_video_stream_profile()
-            colour_lens, more = _lens(rs, other.get_intrinsics())
+            beside = other.get_intrinsics()
+            colour_lens, more = _lens(rs, beside)
             problems = (*problems, *(f"colour: {text}" for text in more))
             motion = video.get_extrinsics_to(other)
             R = np.reshape(motion.rotation, (3, 3)).T
-            size = other.get_intrinsics().width, other.get_intrinsics().height
-            colour = ColourCamera(size, colour_lens, motion_rows(R, motion.translation))
-        seen = video.get_intrinsics()
+            colour = ColourCamera((beside.width, beside.height), colour_lens, motion_rows(R, motion.translation))
         return SourceState(
             (seen.width, seen.height), float(video.fps()), problems=problems, unit_m=unit_m, lens=lens, colour=colour
         )

@@ -25,9 +25,8 @@ HALPE: Final = topology("halpe_26")
 HEAD_OF_STATURE: Final = 0.066
 """Length of the bone from neck to head, relative to stature; the head's size follows it."""
 
-_SAME: Final = {
-    "Shoulder": "Shoulder", "Elbow": "Elbow", "Wrist": "Wrist", "Hip": "Hip", "Knee": "Knee", "Ankle": "Ankle",
-}  # fmt: skip
+_SAME: Final = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
+"""Joints that both have under one name, on each side."""
 _HEAD: Final = {
     "Nose": (0.0, -0.015, 0.062), "LEye": (0.018, 0.005, 0.052), "REye": (-0.018, 0.005, 0.052),
     "LEar": (0.042, 0.0, 0.0), "REar": (-0.042, 0.0, 0.0), "Head": (0.0, 0.064, 0.0),
@@ -52,8 +51,8 @@ def halpe_positions(joints: Float64) -> Float64:
     """Return the keypoints (..., 26, 3) of bodies (..., 25, 3) of `simulate.body.BODY`, in the same frame [m]."""
     out = np.empty((*joints.shape[:-2], len(HALPE), 3))
     for side, name in (("L", "Left"), ("R", "Right")):
-        for keypoint, joint in _SAME.items():
-            out[..., HALPE.index(side + keypoint), :] = joints[..., JOINT[joint + name], :]
+        for joint in _SAME:
+            out[..., HALPE.index(side + joint), :] = joints[..., JOINT[joint + name], :]
     out[..., HALPE.index("Hip"), :] = joints[..., JOINT["SpineBase"], :]
     out[..., HALPE.index("Neck"), :] = joints[..., JOINT["SpineShoulder"], :]
     head, neck = joints[..., JOINT["Head"], :], joints[..., JOINT["Neck"], :]
@@ -100,7 +99,7 @@ def hiding_joint() -> NDArray[np.int64]:
     """Return for each keypoint (26,) the joint of `simulate.body.BODY` that is hidden when the keypoint is."""
     named = {"Hip": "SpineBase", "Neck": "SpineShoulder"}
     for side, name in (("L", "Left"), ("R", "Right")):
-        named |= {side + keypoint: joint + name for keypoint, joint in _SAME.items()}
+        named |= {side + joint: joint + name for joint in _SAME}
         named |= {f"{side}{keypoint}": f"Foot{name}" for keypoint in ("BigToe", "SmallToe")}
         named[f"{side}Heel"] = f"Ankle{name}"
     return np.array([JOINT[named.get(keypoint, "Head")] for keypoint in HALPE.joints])

@@ -14,7 +14,6 @@ from typing import Final
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.special import ndtr, ndtri
 
 from mocapella.conventions import NS_PER_S
@@ -48,7 +47,8 @@ Bools = NDArray[np.bool_]
 PHANTOM: Final = -1
 """Number of a detection that is not to be tracked: a false one, a bystander, a picture or a mirror image."""
 _LOWER: Final = np.array([GROUPS[g] in ("hip", "knee", "ankle", "foot") for g in group_of()])
-_LEGS: Final = np.array([GROUPS[g] in ("knee", "ankle", "foot") for g in group_of()])
+LEGS: Final = np.array([GROUPS[g] in ("knee", "ankle", "foot") for g in group_of()])
+"""Whether each keypoint (26,) is of a leg below the hip."""
 _MIRROR: Final = np.array(HALPE.mirror)
 _CLOSE: Final = 0.12
 """Mean distance of two people's keypoints in an image below which they may be merged, relative to the size."""
@@ -252,9 +252,10 @@ class SimulatedKeypointCamera:
         kept = float(np.exp(-1.0 / max(frames, 1e-3)))
         if len(white) < 2:
             return white
-        first, rest = white[:1], white[1:] * np.sqrt(1 - kept**2)
-        out = lfilter([1.0], [1.0, -kept], rest, axis=0, zi=kept * first)[0]
-        return np.concatenate([first, out])
+        white[1:] *= np.sqrt(1 - kept**2)
+        for k in range(1, len(white)):
+            white[k] += kept * white[k - 1]
+        return white
 
     @cached_property
     def _bodies(self) -> int:
@@ -349,7 +350,7 @@ class SimulatedKeypointCamera:
         for i in np.flatnonzero(swapped):
             pixels[i], confidences[i] = pixels[i][_MIRROR], confidences[i][_MIRROR]
         for i in np.flatnonzero(legs):
-            order = np.where(_LEGS, _MIRROR, np.arange(len(HALPE)))
+            order = np.where(LEGS, _MIRROR, np.arange(len(HALPE)))
             pixels[i], confidences[i] = pixels[i][order], confidences[i][order]
         self._merge(seen, chance[:, 3] < faults.merged, there, pixels, confidences)
         found = np.flatnonzero(there & np.isfinite(pixels[..., 0]).any(axis=1))
@@ -379,7 +380,10 @@ class SimulatedKeypointCamera:
         tail = ndtr(draws.tail[k]) < tables.tail_share[seen.states, bins]
         sd = tables.core[group, bins] * np.where(tail, tables.data.tail_ratio, 1.0) * faults.noise
         sd = sd * np.where(seen.states > 0, faults.hidden_noise, 1.0)
-        at = np.where(self._taken(k, seen)[..., None], self._front(seen), seen.pixels)
+        front = self._front(seen)
+        some = ndtr(draws.taken[k]) < faults.taken
+        taken = (seen.states == 2) & some & np.isfinite(front[..., 0])  # the same keypoint of the person in front
+        at = np.where(taken[..., None], front, seen.pixels)
         pixels = at + draws.error[k] * (sd * seen.sizes[:, None])[..., None]
         if faults.step_px > 0:
             pixels = np.round(pixels / faults.step_px) * faults.step_px
@@ -388,11 +392,6 @@ class SimulatedKeypointCamera:
         gone = (draws.missing[k] < ndtri(np.clip(absent, 0.0, 1.0))) | ~seen.inside
         pixels[gone] = np.nan
         return pixels, np.where(gone, 0.0, np.clip(confidences, 0.01, 1.0))
-
-    def _taken(self, k: int, seen: _Bodies) -> Bools:
-        """Keypoints that are reported at the same keypoint of the person in front."""
-        some = ndtr(self._draws.taken[k]) < self.settings.faults.taken
-        return np.asarray((seen.states == 2) & some & np.isfinite(self._front(seen)[..., 0]))
 
     def _front(self, seen: _Bodies) -> Float64:
         """Keypoints (bodies, 26, 2) of the nearest body in the image among those in front of each; NaN without one."""
@@ -411,7 +410,7 @@ class SimulatedKeypointCamera:
                     continue
                 apart = np.linalg.norm(seen.pixels[i] - seen.pixels[j], axis=-1)
                 if np.nanmean(apart) < _CLOSE * seen.sizes[i]:
-                    pixels[i][_LEGS], confidences[i][_LEGS] = pixels[j][_LEGS], confidences[j][_LEGS]
+                    pixels[i][LEGS], confidences[i][LEGS] = pixels[j][LEGS], confidences[j][LEGS]
                     there[j] = False
                     break
 

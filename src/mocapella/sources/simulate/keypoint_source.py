@@ -8,6 +8,7 @@ from itertools import count
 from typing import Final
 
 import msgspec
+import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
@@ -84,8 +85,6 @@ def repeated(
 
 def rig_of(scene: CrowdScene) -> CameraRig:
     """Return the scene's rig as a calibration would give it: with covariances of 2 mm and 0.05°."""
-    import numpy as np
-
     sd = np.array([9e-4] * 3 + [2e-3] * 3)
     cameras = {
         name: msgspec.structs.replace(placed, covariance=np.diag(sd**2)) for name, placed in scene.rig.cameras.items()
