@@ -314,7 +314,7 @@ def test_h5_of_another_program_and_a_link_out_of_the_file_are_refused(
     path.write_bytes(b"not hdf5")
     with pytest.raises(InputError, match="cannot be read as HDF5"):
         read_detections([path])
-    monkeypatch.setattr("mocapella.decoding.find_spec", lambda name: None)
+    monkeypatch.setattr("mocapella.decoding.hdf5.find_spec", lambda name: None)
     with pytest.raises(SettingsError, match=r"a.h5 needs h5py: uv sync --extra keypoints"):
         detection_h5.read_detection_h5(path, "a")
 

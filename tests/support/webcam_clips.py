@@ -13,12 +13,12 @@ from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.keypoints import keypoint_frame
 from mocapella.model.observations import Arrival
 from mocapella.model.topology import topology
-from mocapella.recording.image_tracks_file import BODY_25B
 
 Float64 = NDArray[np.float64]
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 RATE_HZ = 60.0
+BODY_25B = topology("body_25b").joints
 
 
 def rig_of(folder: Path) -> CameraRig:
