@@ -10,6 +10,7 @@ from mocapella.fusion.facing_grid import (
     ANGLE_WITHIN,
     BIN,
     BINS,
+    CLIMB_BINS,
     YAWS,
     circular_sd,
     most_likely,
@@ -74,7 +75,36 @@ def test_of_two_opposite_humps_the_larger_one_is_taken_and_not_their_middle() ->
 
 @given(some, some)
 def test_the_angle_is_near_the_most_likely_yaw(p: np.ndarray, angle: np.ndarray) -> None:
-    assert abs(wrap(most_likely_angle(p, angle) - most_likely(p))) <= ANGLE_WITHIN + 1e-9
+    """Both are means over three bins on either side of a bin."""
+    assert abs(wrap(most_likely_angle(p, angle) - most_likely(p))) <= (CLIMB_BINS + 6) * BIN + 1e-9
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-0.4, 0.4), st.floats(5, 40))
+def test_the_side_does_not_draw_the_angle(yaw: float, off: float, concentration: float) -> None:
+    side, angle = np.exp(8 * np.cos(YAWS - yaw - off)), np.exp(concentration * np.cos(YAWS - yaw))
+    assert most_likely_angle(side, angle) == pytest.approx(most_likely(angle), abs=1e-9)
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-2.0, 2.0), st.integers(-60, 60))
+def test_the_angle_turns_with_the_world(yaw: float, off: float, bins: int) -> None:
+    side, angle = np.exp(8 * np.cos(YAWS - yaw - off)), np.exp(3 * np.cos(YAWS - yaw))
+    turned_on_by = most_likely_angle(np.roll(side, bins), np.roll(angle, bins))
+    assert abs(wrap(turned_on_by - most_likely_angle(side, angle) - bins * BIN)) < BIN / 2
+
+
+def test_a_peak_beyond_a_valley_or_too_far_away_is_not_taken() -> None:
+    side = np.exp(20 * np.cos(YAWS))
+    near, far = np.exp(20 * np.cos(YAWS - 0.3)), np.exp(20 * np.cos(YAWS - 1.6))
+    assert most_likely_angle(side, near + 0.05 * far) == pytest.approx(0.3, abs=BIN / 2)
+    assert abs(most_likely_angle(side, near + 5 * far)) <= ANGLE_WITHIN
+    assert abs(most_likely_angle(side, far)) <= ANGLE_WITHIN
+
+
+def test_an_uncertain_peak_is_drawn_to_the_side_and_a_certain_one_is_not() -> None:
+    side, hump = np.exp(20 * np.cos(YAWS)), np.exp(20 * np.cos(YAWS - 0.5))
+    uncertain = hump + 0.2 * np.exp(20 * np.cos(YAWS - 0.5 - np.pi))
+    assert most_likely_angle(side, hump) == pytest.approx(0.5, abs=BIN / 2)
+    assert 0.2 < most_likely_angle(side, uncertain) < 0.45
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-0.2, 0.2), st.floats(0.1, 0.9))

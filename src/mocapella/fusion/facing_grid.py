@@ -27,8 +27,14 @@ STEP_S: Final = 1 / 29
 """Mean time between a person's random turns in the process model [s]."""
 
 ANGLE_WITHIN: Final = np.pi / 6
-"""Largest difference of the angle from the most likely yaw by all evidence, see `most_likely_angle` [rad]. With 45°
-and more, people of the study who were left out of the training are turned round more than once a minute."""
+"""Largest difference of an uncertain angle from the most likely yaw by all evidence, see `most_likely_angle` [rad].
+With 45° and more, people of the study who were left out of the training are turned round more than once a minute."""
+CLIMB_BINS: Final = 4
+"""Largest number of bins from the most likely yaw by all evidence to the peak of the angle's evidence: 30°."""
+PEAK_WITHIN: Final = np.pi / 3
+"""Angle about a peak within which its probability is summed [rad]."""
+CERTAIN: Final = 0.93
+"""Share of the probability about a certain peak. With less, people who were left out are turned round more often."""
 _NEAR: Final = np.arange(-3, 4)
 _PREVIOUS: Final = np.arange(-1, BINS - 1)
 LEAST: Final = 1e-12
@@ -104,14 +110,15 @@ def most_likely(p: Float64) -> Float64:
     Returns:
         (...,) yaw [rad], within [−π, π).
     """
-    five = p + sum(np.roll(p, k, axis=-1) for k in (-2, -1, 1, 2))
-    best = five.argmax(axis=-1)[..., None]
-    near = np.take_along_axis(p, (best + _NEAR) % BINS, axis=-1)
-    return wrap((best[..., 0] + (near * _NEAR).sum(axis=-1) / near.sum(axis=-1)) * BIN)
+    return _mean_near(p, _of_five(p).argmax(axis=-1)[..., None])
 
 
 def most_likely_angle(p: Float64, p_angle: Float64) -> Float64:
-    """Return the most likely yaw by ``p_angle`` among those near the most likely one by ``p``, within `ANGLE_WITHIN`.
+    """Return the yaw of the peak of ``p_angle`` uphill from the most likely yaw by ``p``, `CLIMB_BINS` away at most.
+
+    ``p`` chooses among the peaks, such as front and back; ``p_angle`` alone says where its peak is. A peak with at most
+    `CERTAIN` of the probability within `PEAK_WITHIN` is uncertain, and not returned. Instead, the result is the most
+    likely yaw by ``p_angle`` within `ANGLE_WITHIN` of that by ``p``; this limit draws it towards ``p``.
 
     Args:
         p: (..., BINS) probability of each bin by all evidence, which tells front from back.
@@ -119,9 +126,35 @@ def most_likely_angle(p: Float64, p_angle: Float64) -> Float64:
 
     Returns:
         (...,) yaw [rad], within [−π, π).
+
+    Source:
+        Hill climbing to a mode of a density; compare D. Comaniciu and P. Meer, Mean Shift, PAMI 24 (2002), section 2.2.
     """
-    beyond = np.cos(YAWS - most_likely(p)[..., None]) < np.cos(ANGLE_WITHIN)
-    return most_likely(np.where(beyond, 0.0, p_angle))
+    five, best = _of_five(p_angle), _of_five(p).argmax(axis=-1)[..., None]
+    for _ in range(CLIMB_BINS):
+        down, here, up = (np.take_along_axis(five, (best + k) % BINS, axis=-1) for k in (-1, 0, 1))
+        uphill = np.where(up > down, 1, -1)
+        best = (best + np.where(np.maximum(up, down) > here, uphill, 0)) % BINS
+    peak = _mean_near(p_angle, best)
+    near = np.where(_beyond(peak, PEAK_WITHIN), 0.0, p_angle).sum(axis=-1)
+    limited = most_likely(np.where(_beyond(most_likely(p), ANGLE_WITHIN), 0.0, p_angle))
+    return np.where(near > CERTAIN * p_angle.sum(axis=-1), peak, limited)
+
+
+def _beyond(yaw: Float64, angle: float) -> NDArray[np.bool_]:
+    """Return which bins (..., BINS) are more than ``angle`` from ``yaw`` (...,) [rad]."""
+    return np.asarray(np.cos(YAWS - yaw[..., None]) < np.cos(angle))
+
+
+def _of_five(p: Float64) -> Float64:
+    """Return the probability (..., BINS) of each bin and its four nearest neighbours."""
+    return np.asarray(p + sum(np.roll(p, k, axis=-1) for k in (-2, -1, 1, 2)))
+
+
+def _mean_near(p: Float64, best: NDArray[np.intp]) -> Float64:
+    """Return the mean yaw (...,) of the seven bins around the bins ``best`` (..., 1), within [−π, π) [rad]."""
+    near = np.take_along_axis(p, (best + _NEAR) % BINS, axis=-1)
+    return wrap((best[..., 0] + (near * _NEAR).sum(axis=-1) / near.sum(axis=-1)) * BIN)
 
 
 def circular_sd(p: Float64) -> Float64:

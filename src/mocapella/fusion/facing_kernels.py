@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mocapella.compiled import njit
 from mocapella.fusion.facing import FacingArrays, FacingTables, FacingWeights
-from mocapella.fusion.facing_grid import ANGLE_WITHIN, BIN, BINS, LEAST, STEP_S
+from mocapella.fusion.facing_grid import ANGLE_WITHIN, BIN, BINS, CERTAIN, CLIMB_BINS, LEAST, PEAK_WITHIN, STEP_S
 from mocapella.fusion.facing_model import MOST_SCORE, SHAPE_BINS, SPEEDS, YAW_BINS
 from mocapella.fusion.facing_shape import (
     FADES_FROM,
@@ -59,6 +59,7 @@ A view's labels are nearly the same evidence in every frame: they decide where n
 against a facing that was known before the posture.
 """
 _LEAST_COS = np.cos(ANGLE_WITHIN)
+_PEAK_COS = np.cos(PEAK_WITHIN)
 _BENT = 4.0
 """Factor of the unlikeness of a view, up to 1, to say whether the person is bent; bowing trunks are unlike in part."""
 N = len(FEATURES)
@@ -147,16 +148,26 @@ def add_turned(total: Float64, first: Float64, second: Float64, part: float, fac
 
 
 @njit(cache=True)
-def most_likely(p: Float64) -> float:
-    """Return `mocapella.fusion.facing_grid.most_likely` of p (BINS,): the mean yaw near the peak, in [−π, π) [rad].
+def of_five(p: Float64, i: int) -> float:
+    """Return the probability of bin ``i`` of p (BINS,), 0 to BINS − 1, and of its four nearest neighbours."""
+    five: float = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
+    return five
 
-    The yaw is relative to that of the first bin.
-    """
+
+@njit(cache=True)
+def likeliest_bin(p: Float64) -> int:
+    """Return the bin of p (BINS,) with the largest `of_five`."""
     best, most = 0, -1.0
     for i in range(BINS):
-        five = p[i] + p[i - 2] + p[i - 1] + p[(i + 1) % BINS] + p[(i + 2) % BINS]
+        five = of_five(p, i)
         if five > most:
             best, most = i, five
+    return best
+
+
+@njit(cache=True)
+def mean_near(p: Float64, best: int) -> float:
+    """Return the mean yaw of the seven bins of p (BINS,) around a bin, from the first bin's, in [−π, π) [rad]."""
     mean, total = 0.0, 0.0
     for k in range(-3, 4):
         near = p[(best + k) % BINS]
@@ -164,6 +175,22 @@ def most_likely(p: Float64) -> float:
         total += near
     angle: float = wrap((best + mean / total) * BIN)
     return angle
+
+
+@njit(cache=True)
+def keep_near(p: Float64, yaw: float, least_cos: float, tables: Float64, near: Float64) -> float:
+    """Write p (BINS,) to ``near`` (BINS,), 0 where a bin's cosine to ``yaw`` is less than ``least_cos``.
+
+    ``tables`` (TABLE_ROWS, BINS) has each bin's cosine and sine; ``yaw`` is relative to the first bin [rad]. Returns
+    the share of the probability that is kept.
+    """
+    c, s, kept, total = np.cos(yaw), np.sin(yaw), 0.0, 0.0
+    for i in range(BINS):
+        near[i] = 0.0 if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s < least_cos else p[i]
+        kept += near[i]
+        total += p[i]
+    share: float = kept / total
+    return share
 
 
 @njit(cache=True)
@@ -175,11 +202,19 @@ def most_likely_angle(p: Float64, p_angle: Float64, tables: Float64, near: Float
         tables: (TABLE_ROWS, BINS), see `TABLE_ROWS`.
         near: (BINS,) workspace.
     """
-    yaw = most_likely(p)
-    c, s = np.cos(yaw), np.sin(yaw)
-    for i in range(BINS):
-        near[i] = 0.0 if tables[COS_AT, i] * c + tables[COS_AT + 1, i] * s < _LEAST_COS else p_angle[i]
-    angle: float = most_likely(near)
+    start = likeliest_bin(p)
+    best, here = start, of_five(p_angle, start)
+    for _ in range(CLIMB_BINS):
+        above, below = (best + 1) % BINS, (best - 1) % BINS
+        up, down = of_five(p_angle, above), of_five(p_angle, below)
+        if max(up, down) <= here:
+            break
+        best, here = (above, up) if up > down else (below, down)
+    peak: float = mean_near(p_angle, best)
+    if keep_near(p_angle, peak, _PEAK_COS, tables, near) > CERTAIN:
+        return peak
+    keep_near(p_angle, mean_near(p, start), _LEAST_COS, tables, near)
+    angle: float = mean_near(near, likeliest_bin(near))
     return angle
 
 
