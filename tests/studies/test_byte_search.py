@@ -89,3 +89,16 @@ def test_of_a_stream_that_ends_early_what_is_left_is_searched(tmp_path: Path, pa
     text = b"P07 " + bytes(range(256)) * 4000
     data = PACKED[packed](text)[:-8]
     assert found(tmp_path, data) == ["code"]
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg", "jpg"])
+def test_pictures_are_named_because_their_texts_are_drawn(tmp_path: Path, suffix: str) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2, 1))
+    figure.text(0.1, 0.5, "participant P07")
+    figure.savefig(tmp_path / f"bars.{suffix}")
+    report = search(tmp_path, "P07")
+    assert [one.split(" is ")[0] for one in report.unsearched] == [f"bars.{suffix}"]
+    (tmp_path / f"bars.{suffix}").write_text("no picture")
+    assert search(tmp_path, "P07").unsearched == ()

@@ -15,21 +15,26 @@ from hypothesis import strategies as st
 from rich.console import Console
 from support.programs import run_here
 
-from mocapella.cli.evaluate_founding import show_beside
+from mocapella.cli.evaluate_founding import show_beside, show_causes
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, TakeExistsError
+from mocapella.evaluation.apart_causes import ApartCauses
 from mocapella.model.session import PLACEMENTS, SCENARIOS
 from mocapella.recording.study_log import read_study_log
 from mocapella.sources.simulate.body import ROOT, facing
 from mocapella.sources.simulate.measured import KIND
 from mocapella.studies.founding import (
-    BLOCK_M,
-    CENTRE_M,
     SECOND,
+    START_M,
     STATURES_M,
+    STEPS_M,
+    WALK_M,
+    Stop,
     founding_room,
     write_founding_logs,
 )
+
+BLOCK_M = (1.925, 1.87)
 
 
 @settings(max_examples=5, deadline=None)
@@ -45,16 +50,44 @@ def test_a_room_depends_on_placement_and_participant_alone(seed: int, placement:
     assert all(one.ends_s <= other.begins_s for one, other in pairwise(tasks))
 
 
-def test_the_walk_goes_around_the_block_and_both_its_diagonals() -> None:
+def relative(scenario: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """The pelvis in a task, to the right of the start and towards the front sensor [m], and the yaw [rad]."""
     room, tasks = founding_room("parallel", 0)
-    walk = tasks[2]
-    times = np.arange(walk.begins_s, walk.ends_s, 0.1)
+    task = next(task for task in tasks if task.scenario == scenario)
+    times = np.arange(task.begins_s, task.ends_s, 0.1)
     at = np.array([room.positions_at(round(t * NS_PER_S))[0] for t in times])
-    roots = at[:, ROOT][:, [0, 2]] - CENTRE_M
-    assert np.abs(roots).max(axis=0) == pytest.approx(np.array(BLOCK_M) / 2, abs=0.08)
-    assert np.linalg.norm(roots, axis=1).min() < 0.1  # where the diagonals cross
     yaw = np.unwrap(np.arctan2(facing(at)[:, 0], facing(at)[:, 2]))
-    assert np.ptp(yaw) > np.radians(300)  # a whole turn but for the last corner
+    return (at[:, ROOT][:, [0, 2]] - START_M) * (1, -1), yaw
+
+
+@pytest.mark.parametrize(("scenario", "stops"), [("steps", STEPS_M), ("walk", WALK_M)])
+def test_a_participant_passes_the_stops_in_their_order(scenario: str, stops: tuple[Stop, ...]) -> None:
+    at, _ = relative(scenario)
+    passed = 0
+    for x, y, stop_s in stops:
+        near = np.linalg.norm(at - (x, y), axis=1) < 0.1
+        after = np.flatnonzero(near[passed:])
+        assert len(after), (x, y)
+        passed += int(after[0])
+        assert near[passed:].sum() >= 10 * stop_s - 2
+
+
+def test_the_walk_goes_around_the_block() -> None:
+    at, yaw = relative("walk")
+    assert np.ptp(yaw) > np.radians(300)
+    assert (np.ptp(at, axis=0) < BLOCK_M).all()  # people cut the corners
+    assert (np.ptp(at, axis=0) > 0.75 * np.array(BLOCK_M)).all()
+
+
+@pytest.mark.parametrize("placement", sorted(SECOND))
+def test_the_second_sensor_is_on_the_right_and_as_far_from_the_start(placement: str) -> None:
+    side = founding_room(placement, 0)[0].settings.sensors[1]
+    away = np.array([side.position[0], side.position[2]]) - START_M
+    if placement != "parallel":
+        assert np.linalg.norm(away) == pytest.approx(START_M[1], abs=0.01)
+        angle = np.radians(side.yaw_deg)
+        assert -away / START_M[1] == pytest.approx([np.sin(angle), np.cos(angle)], abs=0.01)  # it looks at the start
+    assert side.position[0] > 0  # the right of a person who faces the front sensor, as in the study
 
 
 def test_in_stationary_and_steps_people_face_the_front_sensor() -> None:
@@ -80,6 +113,19 @@ def test_means_are_beside_each_other_and_what_is_missing_is_a_dash() -> None:
     text = out.export_text()
     assert "12.3 / 5.7" in text
     assert "– / –" in text
+
+
+def test_the_causes_are_beside_each_other() -> None:
+    out = Console(width=120, record=True, file=io.StringIO())
+    one, other = ApartCauses(12.34, 20.0, 5.0, 4.0, 3.0, 1.5, 63.0), ApartCauses(30.3, 21.6, 13.9, 9.0, 8.0, 17.5, 63.3)
+    show_causes({"simulated": {"walk": {"45": one}}, "recorded": {"walk": {"45": other}}}, out)
+    text = out.export_text()
+    assert "why the logged views lie apart: simulated / recorded" in text
+    row = next(line for line in text.splitlines() if "walk 45" in line)
+    assert "12.3 / 30.3" in row
+    assert "20.0 / 21.6" in row
+    assert "63.0 / 63.3" in row
+    assert "– / –" in next(line for line in text.splitlines() if "walk 90" in line)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from support.evaluation_sessions import log_of, session_of
 from support.reference_methods import BatchFit, Method
 
 from mocapella.errors import EvaluationError, SettingsError
+from mocapella.evaluation.methods import settings_used
 from mocapella.evaluation.study_tables import differences
 from mocapella.geometry import rigid
 from mocapella.recording.study_log import read_study_log
@@ -204,3 +205,13 @@ def test_real_logs_give_the_same_on_every_engine(study_logs: Path) -> None:
     assert run_each(measured_files, files, "dask:2") == here
     assert run_each(measured_files, files, "local:2") == here
     assert len(here) == 4
+
+
+def test_all_settings_of_a_method_are_stated_also_the_defaults() -> None:
+    assert settings_used("stand-still") == "the rows as they were logged"
+    stated = [msgspec.json.decode(settings_used(name)) for name in ("default", "default:people.least_worth=0.3")]
+    assert stated[1]["people"].pop("least_worth") == 0.3
+    assert stated[0]["people"].pop("least_worth") == 0.2
+    assert stated[0] == stated[1]
+    with pytest.raises(SettingsError, match="smoothin"):
+        settings_used("default:people.smoothin=kalman")

@@ -168,6 +168,16 @@ def test_what_is_left_is_found_and_named(tmp_path: Path) -> None:
     }
 
 
+def test_a_picture_that_was_kept_outside_of_the_results_is_no_proof(tmp_path: Path) -> None:
+    study = make(tmp_path / "s")
+    (study.path / "figures").mkdir()
+    (study.path / "figures" / "bars.pdf").write_bytes(b"%PDF-1.4 drawn")
+    (study.path / "results" / "bars.pdf").write_bytes(b"%PDF-1.4 drawn")
+    report = remove(study.path)
+    assert not report.proven
+    assert [one.split(" is ")[0] for one in report.search.unsearched] == ["figures/bars.pdf"]
+
+
 def test_the_new_code_in_the_protocol_has_a_number_of_its_own(tmp_path: Path) -> None:
     taken = int(SALT[:12], 16) % 900_000_000 + 100_000_000
     study = make(tmp_path / "s", protocol_bytes("kinectmultitrack").replace(b'"P22"', f'"Y{taken}"'.encode()))

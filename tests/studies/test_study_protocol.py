@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from support.study_protocols import protocols
 
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.session import PLACEMENTS, SCENARIOS
+from mocapella.studies.founding import STEPS_M, WALK_M
 from mocapella.studies.protocol import (
     SHIPPED,
     PlannedTask,
@@ -113,17 +115,13 @@ def test_the_founding_study_has_its_block_its_numbers_and_its_route() -> None:
     assert all(PLACEMENTS[placement.name] == placement.number for placement in founding.placements)
     assert founding.block is not None
     assert (founding.block.width_m, founding.block.depth_m, founding.block.start) == (1.925, 1.87, "start")
-    walk = next(task for task in founding.tasks if task.name == "walk")
-    feet = [step.foot[0] for step in walk.steps]
-    assert feet == [
-        "front-left",
-        "front-right",
-        "back-right",
-        "back-left",
-        "front-right",
-        "back-left",
-        "front-left",
-    ]
+    for name, stops in (("steps", STEPS_M), ("walk", WALK_M)):
+        points = {point.name: (point.x_m, point.y_m) for point in founding.block.points}
+        task = next(task for task in founding.tasks if task.name == name)
+        route = [task.steps[0].stand[0], *(step.foot[0] for step in task.steps)]
+        assert len(route) == len(stops)  # as the participants went in 2015, which the simulation follows, too
+        away = np.array([points[name] for name in route]) - points["start"] - np.array(stops)[:, :2]
+        assert np.abs(away).max() < 0.35  # people cut the corners
     for task in founding.tasks:
         for before, after in pairwise(task.steps):
             moved = [foot or stand for foot, stand in zip([*before.foot, "", ""], before.stand, strict=False)]

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import pytest
 from support.browser import FLAGS
 from support.programs import wait_until
@@ -32,14 +33,19 @@ STUDY = StudyStatus(
     phase="running",
     part=1,
     plan=tuple(
-        PlannedPart(title, "right-45", number, 2, state)  # type: ignore[arg-type]
-        for title, number, state in (("stand", 1, "done"), ("walk", 1, "now"), ("walk", 2, "later"))
+        PlannedPart(title, placement, number, 2, state)  # type: ignore[arg-type]
+        for title, placement, number, state in (
+            ("stand", "right-45", 1, "done"),
+            ("walk", "right-45", 1, "now"),
+            ("walk", "right-90", 2, "later"),
+        )
     ),
     instruction="Walk to the <i>front</i> left corner",
     following="to the front right corner",
     step=2,
     steps=9,
     elapsed_s=72.0,
+    minimum_left_s=7.5,
     step_left_s=2.0,
     step_s=5.0,
     block=FloorMap(1.925, 1.87, POINTS, "start", ("start",), ("front-left",)),
@@ -176,7 +182,8 @@ def test_the_researchers_page_shows_all_and_obeys_keys(showing: Session, browser
     page.wait_for_function("document.querySelector('#instruction').textContent.includes('left corner')")
     assert page.inner_text("#instruction") == STUDY.instruction  # as text: what a protocol says is no HTML
     assert page.inner_text("#title") == STUDY.title
-    assert page.inner_text("#time") == "1:12"
+    assert page.inner_text("#time") == "1:12, can end in 8 s"
+    assert page.locator("#plan b").all_inner_texts() == ["right-45", "right-90"]
     checks = page.inner_text("#checks")
     for words in (
         "1 of 2 sensors",
@@ -213,6 +220,14 @@ def test_the_participants_screen_is_read_from_four_metres_and_shows_where_to_go(
     page.wait_for_function("document.querySelector('#instruction').textContent.includes('left corner')")
     size = page.evaluate("parseFloat(getComputedStyle(document.querySelector('#instruction')).fontSize)")
     assert size >= 0.08 * 720  # 24 mm on a screen 30 cm high; 4 m / 200 is 20 mm
+    words = page.evaluate(
+        "[...document.querySelectorAll('#map text')].map(word => word.getBoundingClientRect().toJSON())"
+    )
+    assert len(words) == 3  # sensors, you (on the start), next
+    for word in words:
+        assert word["height"] >= 0.06 * 720  # 18 mm or more on that screen
+        assert 0 <= word["left"] < word["right"] <= 1280
+        assert 0 <= word["top"] < word["bottom"] <= 720
     assert not page.locator("header").is_visible()
     assert not page.locator("footer").is_visible()
     assert page.locator("#map circle.here").count() == page.locator("#map circle.next").count() == 1
@@ -231,6 +246,36 @@ def test_the_participants_screen_is_read_from_four_metres_and_shows_where_to_go(
     page.wait_for_function("document.querySelector('#instruction').textContent === 'Please wait'")
     assert showing.commands == []
     assert errors == []
+    page.close()
+
+
+HEARD = """
+window.heard = [];
+window.AudioContext = class {
+  currentTime = 0; destination = {};
+  resume() {}
+  createGain() { return { gain: { setValueAtTime() {}, exponentialRampToValueAtTime() {} }, connect: next => next }; }
+  createOscillator() {
+    const frequency = { value: 0 };
+    return { frequency, connect: next => next, start: () => window.heard.push(frequency.value), stop() {} };
+  }
+};
+"""
+"""An audio device of a browser that keeps the frequencies of its tones."""
+
+
+def test_each_change_sounds_with_the_tone_of_the_protocol(showing: Session, browser: Any) -> None:
+    page = browser.new_page()
+    page.add_init_script(HEARD)
+    page.goto(showing.page.study_url("participant"))
+    page.locator("#sound").click()
+    for number, tone_hz in enumerate((660.0, None, 880.0), start=10):
+        text = f"change {number}"
+        showing.page.study.show(
+            msgspec.structs.replace(STUDY, changes=number, instruction=text, tone_hz=tone_hz), CHECK
+        )
+        page.wait_for_function("text => document.querySelector('#instruction').textContent === text", arg=text)
+    assert page.evaluate("window.heard") == [660, 880]
     page.close()
 
 

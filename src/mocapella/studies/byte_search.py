@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import string
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 import msgspec
 
@@ -17,6 +18,10 @@ MOST_UNPACKED: Final = 1 << 28
 """Largest unpacked size of a compressed stream that is searched [bytes]; larger ones are named."""
 DEEPEST: Final = 3
 """How often content that is compressed within compressed content is unpacked."""
+_PICTURES: Final = (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"%PDF", b"II*\0", b"MM\0*")
+"""First bytes of pictures and documents, in which a text is drawn or compressed."""
+_HEAD: Final = 1024
+"""Number of first bytes by which a picture is known."""
 _OF_CODES: Final = frozenset((string.ascii_letters + string.digits + "-").encode())
 _OF_WORDS: Final = _OF_CODES - {ord("-")}
 
@@ -42,7 +47,8 @@ class SearchReport(msgspec.Struct, frozen=True):
         files: number of files that were searched.
         size_bytes: their size.
         traces: the traces found.
-        unsearched: files that could not be searched, or not wholly, each with the reason.
+        unsearched: files that could not be searched, or not wholly, each with the reason; also pictures and PDF files,
+            whose drawn texts no search finds.
     """
 
     files: int
@@ -85,6 +91,10 @@ def search(
                 traces.append(Trace(name, place, what))
             else:
                 unsearched.append(f"{name}, {place}: unpacks to more than {MOST_UNPACKED >> 20} MiB")
+        if _is_picture(path):
+            unsearched.append(
+                f"{name} is a picture or a PDF file: look at it, and remove it if it shows the participant"
+            )
     return SearchReport(files, size, tuple(traces), tuple(unsearched))
 
 
@@ -99,9 +109,26 @@ def files_of(folder: Path) -> list[Path]:
 
 def _in_file(path: Path, code: bytes, checksums: Sequence[str], others: Collection[str]) -> Iterator[tuple[str, str]]:
     """Yield (place, what) of each trace; an empty ``what`` for content too large to unpack."""
+    with _opened(path) as file:
+        yield from _in_bytes(FileBytes(file), code, checksums, others)
+
+
+def _is_picture(path: Path) -> bool:
+    with _opened(path) as file:
+        head = file.read(_HEAD)
+    return head.startswith(_PICTURES) or (head[:4] == b"RIFF" and head[8:12] == b"WEBP") or b"<svg" in head
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file for reading.
+
+    Raises:
+        InputError: it cannot be read, also later, while it is open.
+    """
     try:
         with path.open("rb") as file:
-            yield from _in_bytes(FileBytes(file), code, checksums, others)
+            yield file
     except OSError as error:
         raise InputError(f"cannot be searched: {error.strerror}", file=path, fix="check its permissions") from error
 

@@ -1,9 +1,12 @@
 """The founding experiment (KinectMultiTrack, 2015) in simulation: study logs as the thesis' program wrote them.
 
-A participant stands still, which calibrates the method ``stand-still``, stands on (*stationary*), makes small steps
-(*steps*) and walks the marked square and its diagonals (*walk*), before two sensors that are parallel, 45° or 90°
-apart. The sensors have the errors that were measured on the study's own (docs/simulation.md). A seed is a participant:
-height, phases of swaying and breathing, and the sensors' errors differ.
+A participant stands still, which calibrates the method ``stand-still``, stands on (*stationary*), makes steps
+(*steps*) and walks the marked square and its diagonal (*walk*), before two sensors that are parallel, 45° or 90°
+apart. Sensors and route are where the study's logs have them: the positions of `STEPS_M` and `WALK_M`, and the stops
+there, are those of the logs' SpineBase relative to where a participant stood for the calibration, median over the
+sessions, rounded to 5 cm and 0.1 s (docs/evaluation.md). The sensors have the errors that were measured on the study's
+own (docs/simulation.md). A seed is a participant: height, phases of swaying and breathing, and the sensors' errors
+differ.
 """
 
 from __future__ import annotations
@@ -37,18 +40,28 @@ from mocapella.sources.simulate.measured import KIND
 from mocapella.sources.simulate.scenarios import written_route
 from mocapella.tracker.stand_still import StandStillTracker, StandStillTrackerSettings
 
-BLOCK_M: Final = (1.925, 1.87)
-"""Width and depth of the marked block [m]."""
-CENTRE_M: Final = (0.0, 2.8)
-"""Centre of the block (world x, z) before the front sensor, which is at the origin [m]."""
+START_M: Final = (0.4, 2.4)
+"""Where a participant stands for the calibration (world x, z); the front sensor is at the origin [m]."""
+Stop = tuple[float, float, float]
+"""Place to the right of the start, and towards the front sensor [m]; time for which the participant stops there [s]."""
+STEPS_M: Final[tuple[Stop, ...]] = (
+    (0.0, 0.0, 1.7), (0.0, 0.5, 1.8), (-0.6, 0.5, 1.8), (0.0, 0.5, 1.6), (0.0, 0.0, 1.6), (0.0, -0.4, 2.0),
+    (-0.6, -0.3, 1.9), (-0.65, -0.7, 1.0),
+)  # fmt: skip
+"""Stops of *steps*: forward, left, right, backward, backward, left, backward; all facing the front sensor."""
+WALK_M: Final[tuple[Stop, ...]] = (
+    (0.0, -0.75, 1.4), (0.0, 0.0, 2.7), (0.6, 0.0, 0.0), (0.6, -0.75, 0.0), (-0.95, -0.8, 0.0), (-0.95, 0.7, 0.0),
+    (0.6, 0.65, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 3.2), (0.55, 0.65, 1.8), (-0.8, -0.8, 1.9), (-0.95, 0.65, 0.6),
+)  # fmt: skip
+"""Stops and corners of *walk*: forward to the start, around the square, the diagonal, and forward."""
 FRONT: Final = "front"
 """Name of the reference sensor, as of the study's own logs."""
 SECOND: Final = {
-    "parallel": SensorSettings("side", position=(-0.5, 1.0, 0.0)),
-    "right-45": SensorSettings("side", position=(-1.98, 1.0, 0.82), yaw_deg=45.0),
-    "right-90": SensorSettings("side", position=(-2.8, 1.0, 2.8), yaw_deg=90.0),
+    "parallel": SensorSettings("side", position=(0.7, 1.0, 0.0)),
+    "right-45": SensorSettings("side", position=(2.1, 1.0, 0.7), yaw_deg=-45.0),
+    "right-90": SensorSettings("side", position=(2.8, 1.0, 2.4), yaw_deg=-90.0),
 }
-"""The second sensor by placement, a key of `mocapella.model.session.PLACEMENTS`."""
+"""The second sensor by placement, a key of `mocapella.model.session.PLACEMENTS`; as far from the start as the first."""
 STATURES_M: Final = (1.55, 1.9)
 """Smallest and greatest height of a participant [m]."""
 LOGGED_EVERY: Final = 2
@@ -57,9 +70,8 @@ BEGINS_NS: Final = 1_425_200_400 * NS_PER_S
 """Unix time of the first frame of every session, a morning of March 2015 [ns]; the simulation has no date."""
 ONE_CALIBRATION: Final = StandStillTrackerSettings(regain_within_m=float("inf"), centre_of="seen")
 """The thesis' logs have one calibration for each file: a lost participant is the same wherever seen again. The centre
-is of all seen joints: of the tracked alone, Δy at 90° is larger than the recorded one (docs/evaluation.md)."""
+is of all seen joints, because the logs do not say which were inferred (docs/evaluation.md)."""
 MOST_SEEDS: Final = 1000
-_STEP_M: Final = 0.35
 STILL_S: Final = (8.0, 16.0, 32.0)
 """Times for which participants stand for the calibration, one after the other until it succeeds [s]."""
 _STATIONARY_S: Final = 5.0
@@ -88,7 +100,7 @@ def founding_room(placement: str, seed: int, still_s: float = STILL_S[0]) -> tup
     """
     words, tasks = _route(still_s)
     rng = np.random.default_rng([seed, 2015])
-    person = PersonSettings(CENTRE_M, "route", route=words, stature=float(rng.uniform(*STATURES_M)))
+    person = PersonSettings(START_M, "route", route=words, stature=float(rng.uniform(*STATURES_M)))
     front = SensorSettings(FRONT, clock_offset_s=1000.0, errors=KIND, forget_s=INFERRED_S)
     side = dataclasses.replace(
         SECOND[placement],
@@ -166,29 +178,38 @@ def _is_calibrated(room: Room, tasks: Sequence[TaskTimes]) -> bool:
 
 def _route(still_s: float) -> tuple[tuple[str, ...], tuple[TaskTimes, ...]]:
     """The words of a participant's route, and the times of the tasks in it."""
-    x, z = CENTRE_M
-    left, right = x - BLOCK_M[0] / 2, x + BLOCK_M[0] / 2
-    front, back = z - BLOCK_M[1] / 2, z + BLOCK_M[1] / 2
-    steps = []
-    for dx, dz in ((0.0, -_STEP_M), (0.0, _STEP_M), (-_STEP_M, 0.0), (_STEP_M, 0.0)):
-        for to in ((x + dx, z + dz), (x, z)):
-            steps += [f"shift {to[0]} {to[1]}", "stand 0.6"]
-    square = [(left, front), (right, front), (right, back), (left, back)]
-    diagonals = [(right, front), (left, back), (left, front)]
-    walk = [f"go {to[0]} {to[1]}" for to in square] + ["turn 180"] + [f"go {to[0]} {to[1]}" for to in diagonals]
+    walk = [word for stop in WALK_M[1:] for word in _walked(stop)]
     parts = {
         "": ["stand 0.1", f"stand {still_s}"],
         "stationary": [f"stand {_STATIONARY_S}"],
-        "steps": steps * 2,
-        " to the block's corner": [f"go {left} {back}", "turn 180", "stand 1"],
-        "walk": [*walk, "turn 180"],
-        " back": [f"go {x} {z}", "turn 180"],
+        "steps": [word for stop in STEPS_M for word in _stepped(stop)],
+        " to the walk": [*_walked(WALK_M[0]), "turn 180"],
+        "walk": [f"stand {WALK_M[0][2]}", *walk],
+        " back": [*_walked((0.0, 0.0, 0.0)), "turn 180"],
     }
     words: list[str] = []
     tasks = []
     for name, part in parts.items():
-        begins = written_route(CENTRE_M, words).seconds if words else 0.0
+        begins = written_route(START_M, words).seconds if words else 0.0
         words += part
         if name and not name.startswith(" "):
-            tasks.append(TaskTimes(name, begins, written_route(CENTRE_M, words).seconds))
+            tasks.append(TaskTimes(name, begins, written_route(START_M, words).seconds))
     return tuple(words), tuple(tasks)
+
+
+def _stepped(stop: Stop) -> tuple[str, ...]:
+    """The words that bring a participant to a stop without turning."""
+    x, z = _place(stop)
+    return f"shift {x} {z}", f"stand {stop[2]}"
+
+
+def _walked(stop: Stop) -> tuple[str, ...]:
+    """The words that bring a participant to a stop; at the start people turn to the front sensor."""
+    x, z = _place(stop)
+    turned = ("turn 180",) if stop[2] and stop[:2] == (0.0, 0.0) else ()
+    return f"go {x} {z}", *turned, *((f"stand {stop[2]}",) if stop[2] else ())
+
+
+def _place(stop: Stop) -> tuple[float, float]:
+    """World (x, z) [m]; a person who faces the front sensor has +x to the right."""
+    return round(START_M[0] + stop[0], 3), round(START_M[1] - stop[1], 3)

@@ -84,7 +84,7 @@ class Instruction(msgspec.Struct, frozen=True, omit_defaults=True):
         seconds: how long it lasts [s]; None until the researcher goes on.
         stand: for each person, the name of the floor point to stand on; empty if it does not matter.
         foot: for each person, the name of the floor point where the next foot goes; empty for nowhere.
-        tone_hz: frequency of a tone at its beginning [Hz]; None for silence.
+        tone_hz: frequency of a tone at its beginning, and at the end of a task that it ends [Hz]; None for silence.
     """
 
     text: Text
