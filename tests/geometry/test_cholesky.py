@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.geometry.cholesky_kernels import factorise, substitute
+from mocapella.geometry.cholesky_kernels import factorise, inverted, substitute
 
 seeds, sizes = st.integers(0, 2**32 - 1), st.integers(1, 14)
 
@@ -38,3 +38,14 @@ def test_what_is_not_positive_definite_has_none(seed: int, n: int) -> None:
     assert not factorise(A, 0.0, np.zeros((n, n)))
     A[k, k] = np.nan
     assert not factorise(A, 0.0, np.zeros((n, n)))
+
+
+@given(seeds, sizes, st.sampled_from([0.0, 1e-3, 2.0]))
+def test_the_inverse_is_that_of_the_raised_matrix_and_symmetric(seed: int, n: int, damping: float) -> None:
+    A = positive(np.random.default_rng(seed), n)
+    out, untouched = np.empty((n, n)), np.full((n, n), 7.0)
+    assert inverted(A, damping, out)
+    np.testing.assert_allclose(out @ (A + damping * np.diag(np.diag(A))), np.eye(n), atol=1e-7)
+    np.testing.assert_array_equal(out, out.T)
+    assert not inverted(-A, damping, untouched)
+    assert (untouched == 7.0).all()

@@ -25,7 +25,9 @@ def swing(start: Float64, end: Float64, S: Float64) -> None:
 
     Between opposite ones, it is half a turn about one of the axes across. A zero ``end`` turns nothing.
     """
-    S[:] = 0.0
+    for i in range(3):
+        for k in range(3):
+            S[i, k] = 0.0
     cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2]
     length2 = end[0] * end[0] + end[1] * end[1] + end[2] * end[2]
     if not length2 > 0.25:
@@ -44,8 +46,8 @@ def swing(start: Float64, end: Float64, S: Float64) -> None:
             if abs(start[i]) < abs(start[least]):
                 least = i
         a, b = (least + 1) % 3, (least + 2) % 3
-        axis = np.zeros(3)  # start × the coordinate axis that it is least along
-        axis[a], axis[b] = start[b], -start[a]
+        axis = np.empty(3)  # start × the coordinate axis that it is least along
+        axis[least], axis[a], axis[b] = 0.0, start[b], -start[a]
         length = math.sqrt(axis[a] * axis[a] + axis[b] * axis[b])
         for i in range(3):
             for k in range(3):
@@ -72,10 +74,18 @@ def _direction(start: Float64, end: Float64, out: Float64) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(joint: int, bones: Int64, children: Int64, rest: Float64, weights: Float64, p: Float64, R: Float64) -> None:
-    """Write the rotation R (3, 3) that best turns several bones of a joint from rest to their ends p (joints, 3)."""
-    S, measured = np.zeros((3, 3)), np.empty(3)
-    for bone in range(bones[0], bones[1]):
+def _fit(
+    joint: int, first: Int64, children: Int64, rest: Float64, weights: Float64, p: Float64, S: Float64, R: Float64
+) -> None:
+    """Write the rotation R (3, 3) that best turns several bones of a joint from rest to their ends p (joints, 3).
+
+    S (3, 3) is overwritten.
+    """
+    measured = np.empty(3)
+    for i in range(3):
+        for k in range(3):
+            S[i, k] = 0.0
+    for bone in range(first[joint], first[joint + 1]):
         _direction(p[joint], p[children[bone]], measured)
         for i in range(3):
             for k in range(3):
@@ -98,16 +108,17 @@ def joint_rotations(
         R: (frames, joints, 3, 3) written.
     """
     S, start, measured, before = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3))
-    unturned = np.eye(3)
     for f in range(len(positions)):
         for j in range(len(parents)):
             bone = first[j]
             if first[j + 1] - bone > 1:
-                _fit(j, first[j : j + 2], children, rest, weights, positions[f], R[f, j])
+                _fit(j, first, children, rest, weights, positions[f], S, R[f, j])
                 continue
-            before[:] = R[f, parents[j]] if parents[j] >= 0 else unturned
+            for i in range(3):
+                for k in range(3):
+                    before[i, k] = R[f, parents[j], i, k] if parents[j] >= 0 else (1.0 if i == k else 0.0)
+                    R[f, j, i, k] = before[i, k]
             if bone == first[j + 1]:
-                R[f, j] = before
                 continue
             _direction(positions[f, j], positions[f, children[bone]], measured)
             for i in range(3):

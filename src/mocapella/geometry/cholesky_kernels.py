@@ -53,3 +53,46 @@ def substitute(L: Float64, b: Float64) -> None:
         for k in range(i + 1, n):
             b[i] -= L[k, i] * b[k]
         b[i] /= L[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def inverted(A: Float64, damping: float, out: Float64) -> bool:
+    """Write the inverse of a symmetric matrix A, with its diagonal multiplied by 1 + damping; symmetric to the bit.
+
+    The rows of the inverse of L are made in turn, and their products added; the innermost loops have no sums, so that
+    they are vectorised.
+
+    Args:
+        A: (n, n) symmetric.
+        damping: as in `factorise`.
+        out: (n, n) written.
+
+    Returns:
+        Whether the matrix is positive definite; if not, nothing is written.
+    """
+    n = len(A)
+    L, row = np.empty((n, n)), np.empty(n)
+    if not factorise(A, damping, L):
+        return False
+    for i in range(n):
+        for k in range(n):
+            out[i, k] = 0.0
+    for i in range(n):  # row i of L becomes that of its inverse
+        for k in range(i):
+            row[k] = 0.0
+        for k in range(i):
+            f = L[i, k]
+            for j in range(k + 1):
+                row[j] -= f * L[k, j]
+        scale = 1.0 / L[i, i]
+        for j in range(i):
+            L[i, j] = scale * row[j]
+        L[i, i] = scale
+        for k in range(i + 1):
+            f = L[i, k]
+            for j in range(k + 1):
+                out[k, j] += f * L[i, j]
+    for i in range(n):
+        for k in range(i):
+            out[k, i] = out[i, k]
+    return True

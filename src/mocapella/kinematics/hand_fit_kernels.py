@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.compiled import njit
-from mocapella.geometry.cholesky_kernels import factorise, substitute
+from mocapella.geometry.cholesky_kernels import factorise, inverted, substitute
 from mocapella.geometry.turn_kernels import FIRST, orthonormal, turn_between, turned
 from mocapella.kinematics.hand_kernels import (
     A0,
@@ -41,7 +41,7 @@ _WEAK = 0.01  # share of the prior's information in the markers' own covariance
 _LIMIT_SD = 0.01  # standard deviation outside the limits [rad], for the cone relative to its half axes
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Float64) -> None:
     """Compute a digit's joints and axes of rotation in the palm's frame, by forward kinematics.
 
@@ -71,7 +71,7 @@ def digit_points(row: Float64, mirror: float, q: Float64, x: Float64, axes: Floa
         x[3, k] = x[2, k] + side * row[L1 + 2] * (math.cos(q[2] + q[3]) * bone - math.sin(q[2] + q[3]) * up)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Float64) -> None:
     """Write a digit's angles f, a, m, b, c into q (5,), from the free angles z (n,) [rad].
 
@@ -86,7 +86,7 @@ def digit_angles(z: Float64, columns: Int64, gains: Float64, digit: int, q: Floa
         q[k] = gains[digit, k] * z[column] if column >= 0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _columns_of(
     digit: int, joint: int, x: Float64, axes: Float64, columns: Int64, gains: Float64, J: Float64, at: Int64,
 ) -> int:  # fmt: skip
@@ -117,7 +117,7 @@ def _columns_of(
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add(J: Float64, at: Int64, n: int, W: Float64, rx: float, ry: float, rz: float, H: Float64, g: Float64) -> float:
     """Add a point's JᵀWJ and JᵀWr to H and g; return rᵀWr."""
     for i in range(n):
@@ -131,7 +131,7 @@ def _add(J: Float64, at: Int64, n: int, W: Float64, rx: float, ry: float, rz: fl
     return float(cost + rz * (W[6] * rx + W[7] * ry + W[8] * rz))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _place(point: int, base: int) -> tuple[int, int]:
     """Return the digit of a measured point, −1 for one of the base, and its index among the digit's joints and tip."""
     if point < 5:
@@ -141,7 +141,7 @@ def _place(point: int, base: int) -> tuple[int, int]:
     return (point - 5 - base) // 2, 1 + (point - 5 - base) % 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _measured(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
@@ -175,7 +175,7 @@ def _measured(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _expected(
     prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64, predicted_z: Float64,
     certainty: Float64, R: Float64, t: Float64, z: Float64, H: Float64, g: Float64,
@@ -207,7 +207,7 @@ def _expected(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _penalty(
     digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float, H: Float64, g: Float64,
 ) -> float:  # fmt: skip
@@ -244,7 +244,7 @@ def _penalty(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: float) -> None:
     """Clamp free angles to the limits of their digits, in place.
 
@@ -264,14 +264,14 @@ def within(digits: Float64, columns: Int64, gains: Float64, z: Float64, c_max: f
                 z[column] = out[k] if k < 4 else min(max(q[4], -c_max), c_max)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _copy(one: Float64, other: Float64) -> None:
     """Copy a vector into another; a slice takes numba longer to compile."""
     for k in range(len(one)):
         other[k] = one[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, c_max: float, prior_mean: Float64, prior: Float64, predicted_R: Float64, predicted_t: Float64,
@@ -349,7 +349,7 @@ def fit(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def describe(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, prior: Float64, share: float, certainty: Float64, R: Float64, t: Float64, z: Float64, x: Float64,
@@ -374,7 +374,7 @@ def describe(
         Whether the covariance exists.
     """
     n = 6 + len(z)
-    Hm, H, M, g = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    Hm, H, g = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     q, joints, axes, J = np.empty(5), np.empty((4, 3)), np.empty((5, 3)), np.empty((11, 3))
     at = np.empty(11, dtype=np.int64)
     _measured(digits, mirror, layout, points, information, columns, gains, R, t, z, Hm, g)
@@ -387,14 +387,8 @@ def describe(
                 if case == 1:
                     H[i, k] += certainty[i, k]
             H[i, i] += 1e-6
-        if not factorise(H, 1e-12, M):
+        if not inverted(H, 1e-12, P[case]):
             return False
-        for i in range(n):
-            for k in range(n):
-                g[k] = 1.0 if k == i else 0.0
-            substitute(M, g)
-            for k in range(n):
-                P[case, i, k] = g[k]
     for i in range(n):
         for k in range(n):
             covariance[i, k] = P[1, i, k]
@@ -432,7 +426,7 @@ def describe(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def misfits(
     digits: Float64, mirror: float, layout: Float64, points: Float64, information: Float64, columns: Int64,
     gains: Float64, R: Float64, t: Float64, z: Float64, squared: Float64,

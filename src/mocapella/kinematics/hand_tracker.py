@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mocapella.errors import InputError, one_of
 from mocapella.geometry.alignment import align, moments
-from mocapella.geometry.rigid import apply, inverse, rigid
+from mocapella.geometry.rigid import apply, inverse
 from mocapella.kinematics.hand_chain import hand_chain, palm_landmarks
 from mocapella.kinematics.hand_settings import HandReport, HandSettings
 from mocapella.kinematics.hand_solvers import MAP, SOLVER_NAMES, ClosedForm, Fingers, hand_solver
@@ -28,15 +28,13 @@ from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 
-_COLUMN_ORDER: Final = (0, 1, 2, 3, 4)
 _JOINTS: Final = (2, 3, 6, 7, 10, 11, 14, 15, 18, 19)
 """Landmarks of each digit's second and third joint, in the order of measured joints."""
-_LEAST_SD_M: Final = 1e-6
-"""Least standard deviation of a marker, so that the normal equations can be solved [m]."""
-_SPEED_S: Final = 1 / 60
-"""Time for which an unknown speed of a joint or the palm lasts; then another follows [s]."""
-_DOUBTFUL: Final = 4.0
-"""Distance of a marker from the fit, in standard deviations, above which another start is tried, too."""
+_DOUBTFUL_SD: Final = 4.0
+"""Distance of a marker from the fit above which another start is tried, too [standard deviations].
+
+With measured joints, a finger has no other posture: another start is tried only where a marker would be rejected.
+"""
 _POSES_DEG: Final = ((0.0, 0.0), (25.0, 35.0), (45.0, 70.0), (75.0, 90.0))
 """Flexion of the fingers' first and second joints in the initial postures of an acquisition [°]."""
 
@@ -102,10 +100,19 @@ class HandTracker:
         self.chain = hand_chain(model, shape)
         self.columns, self.gains, angle_of = free_angles(model)
         self._angle_of = angle_of
+        follows = self.columns >= 0
+        self._angles_at, self._columns_at = DIGIT_ANGLES[follows], self.columns[follows]
+        self._gains_at = self.gains[follows]
         self._mean = model.natural[angle_of]
         self._prior = angle_prior(model, self.settings, self.columns)
         self._c_max = float(model.limits[DIGIT_ANGLES[0, 4], 1])
         self._mirror = float(shape.mirror[0])
+        self._numbers = _following().HandNumbers(
+            self.solver.digits, self._mirror, layout, self.columns, self.gains, self._c_max, self._mean, self._prior,
+            _rates(self.settings, len(self._mean)), float(self.settings.velocity_memory_s),
+            _DOUBTFUL_SD if not joints else max(_DOUBTFUL_SD, float(self.settings.outlier_sd)),
+            float(self.settings.outlier_sd), int(self.settings.most_iterations),
+        )  # fmt: skip
         self._templates = self._poses()
         self._inverse = None if solver == MAP else hand_solver(solver, model, shape)
         if self._inverse is not None:  # compiles its kernels before the first frame
@@ -136,14 +143,14 @@ class HandTracker:
         Raises:
             InputError: arrays of another shape, or a time that is not finite.
         """
-        points, information, at_s = self._checked(points, at_s, uncertainty)
+        points, clean, information, at_s = self._checked(points, at_s, uncertainty)
         seen = information[:, 0, 0] > 0
         self._count(seen)
         before = self._predicted(at_s)
         if before is None:
-            fitted = self._found(points, information, at_s)
+            fitted = self._found(clean, information, at_s)
         elif seen.any():
-            fitted = self._followed(before, points, information)
+            fitted = self._followed(before, clean, information)
         else:
             fitted = None
         if fitted is None and before is None:
@@ -165,8 +172,12 @@ class HandTracker:
         Args:
             at_s: time, not before that of the last update [s].
         """
-        state = self._predicted(at_s)
-        return None if state is None else apply(state.T, palm_landmarks(self.chain, self._angles(state.z)))
+        last = self._state
+        if last is None or at_s - last.seen_s > self.settings.forget_after_s:
+            return None
+        x = np.empty((len(LANDMARKS), 3))
+        _following().predicted_landmarks(self._numbers, self._motion(last), float(at_s - last.at_s), x)
+        return x
 
     @property
     def state(self) -> _State | None:
@@ -198,8 +209,11 @@ class HandTracker:
         other._state, other.report = self._state, self.report
         return other
 
-    def _checked(self, points: Any, at_s: float, uncertainty: Any) -> tuple[Float64, Float64, float]:
-        """Check the measurements; return points, inverse covariances (0 for an unused marker), and the time."""
+    def _checked(self, points: Any, at_s: float, uncertainty: Any) -> tuple[Float64, Float64, Float64, float]:
+        """Check the measurements; return points, the same without NaN, inverse covariances and the time.
+
+        The inverse covariance of a marker that is not used is 0.
+        """
         n = self._markers_count
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.shape != (n, 3):
@@ -214,21 +228,13 @@ class HandTracker:
         if given.shape not in ((n,), (n, 3, 3)):
             fix = f"give ({n},) standard deviations or ({n}, 3, 3) covariances"
             raise InputError("are none of these markers", field="uncertainty", value=given.shape, fix=fix)
-        with np.errstate(invalid="ignore"):
-            covariances = given[:, None, None] ** 2 * np.eye(3) if given.ndim == 1 else given
-            least = given if given.ndim == 1 else np.diagonal(given, axis1=1, axis2=2).min(axis=-1)
-            usable = (np.abs(points) < 1e6).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2)) & (least > 0)
-        information = np.zeros((n, 3, 3))
         if given.ndim == 1:
-            information[usable] = np.eye(3) / np.maximum(given[usable, None, None], _LEAST_SD_M) ** 2
-        else:
-            symmetric = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
-            values, vectors = np.linalg.eigh(np.where(usable[:, None, None], symmetric, np.eye(3)))
-            usable &= values[:, 0] > 1e-9 * values[:, 2]
-            inverses = (vectors / np.maximum(values, _LEAST_SD_M**2)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-            information[usable] = inverses[usable]
+            with np.errstate(invalid="ignore"):
+                given = np.where(given > 0, given**2, np.nan)[:, None, None] * np.eye(3)
+        clean, information = np.empty((n, 3)), np.empty((n, 3, 3))
+        _following().informed(points, np.ascontiguousarray(given), clean, information)
         last = self._state.at_s if self._state is not None else at_s
-        return points, information, max(float(at_s), last)
+        return points, clean, information, max(float(at_s), last)
 
     def _count(self, seen: NDArray[np.bool_]) -> None:
         self.report.frames += 1
@@ -241,37 +247,25 @@ class HandTracker:
         last, s = self._state, self.settings
         if last is None or at_s - last.seen_s > s.forget_after_s:
             return None
-        dt = at_s - last.at_s
-        part = s.velocity_memory_s * -np.expm1(-dt / s.velocity_memory_s)
-        step = part * last.velocity
-        R, z = np.ascontiguousarray(last.T[:3, :3]).reshape(9), last.z + step[6:]
-        turned = np.empty(9)
-        _fitting().turned(R, 0, step[3], step[4], step[5], turned)
-        T = rigid(turned.reshape(3, 3), last.T[:3, 3] + last.T[:3, :3] @ step[:3])
-        _fitting().within(self.solver.digits, self.columns, self.gains, z, self._c_max)
-        rates = np.full(6 + len(z), np.radians(s.angle_rate_deg_s))
-        rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
-        covariance = last.covariance + np.diag(rates**2 * dt * _SPEED_S)
-        velocity = last.velocity * np.exp(-dt / s.velocity_memory_s)
+        dt, n = at_s - last.at_s, 6 + len(last.z)
+        new = _following().MovingHand(np.empty((4, 4)), np.empty(n - 6), np.empty(n), np.empty((n, n)))
+        certainty = np.empty((n, n))
+        _following().predict(self._numbers, self._motion(last), float(dt), new, certainty)
         share = min(dt / s.posture_every_s, 1.0)
-        certainty = np.asarray(np.linalg.inv(covariance), np.float64)
-        return _State(at_s, last.seen_s, T, z, covariance, velocity, certainty, share)
+        return _State(at_s, last.seen_s, new.T, new.z, new.covariance, new.velocity, certainty, share)
+
+    def _motion(self, state: _State) -> Any:
+        """Return a state as the kernels take it."""
+        return _following().MovingHand(state.T, state.z, state.velocity, state.covariance)
 
     def _followed(self, before: _State, points: Float64, information: Float64) -> tuple[_State, Float64] | None:
         """Fit the hand from its prediction; return it and the information used; None if all markers were rejected."""
-        fitted, kept = self._without_outliers(before, points, information)
+        fitted, kept = self._without_outliers(before, points, information, [(before.T, before.z)])
         fitted = self._solved(fitted, before.z, points, kept)
-        dt = before.at_s - self._state.at_s if self._state is not None else 0.0
-        velocity = before.velocity
-        if dt > 0 and self._state is not None:
-            last = self._state
-            moved = inverse(last.T) @ fitted[0]
-            turn = np.array(
-                _fitting().turn_between(np.eye(3).reshape(9), 0, np.ascontiguousarray(moved[:3, :3]).reshape(9))
-            )
-            measured = np.concatenate([moved[:3, 3], turn, fitted[1] - last.z]) / dt
-            part = 1.0 - np.exp(-dt / (0.5 * self.settings.velocity_memory_s))
-            velocity = last.velocity + part * (measured - last.velocity)
+        velocity, last = before.velocity, self._state
+        if last is not None and before.at_s > last.at_s:
+            velocity = np.empty_like(velocity)
+            _following().move(self._numbers, self._motion(last), before.at_s - last.at_s, *fitted, velocity)
         if not kept[:, 0, 0].any():
             return None
         return _State(before.at_s, before.at_s, *fitted, before.covariance, velocity), kept
@@ -286,32 +280,15 @@ class HandTracker:
             T = align(moments(points[seen], markers[seen], np.trace(information[seen], axis1=1, axis2=2)))
             if np.isfinite(T).all():
                 starts.append((T, z))
-        direct = self._direct(points, information, self._mean)
-        if direct is not None:
-            starts.append(direct)
+        direct, z = np.empty((4, 4)), np.empty(len(self._mean))
+        if _following().direct_start(self._numbers, points, information, self._mean, direct, z):
+            starts.append((direct, z))
         n = 6 + len(self._mean)
         nothing = _State(at_s, at_s, np.eye(4), self._mean, np.zeros((n, n)), np.zeros(n))
         fitted, kept = self._without_outliers(nothing, points, information, starts)
         fitted = self._solved(fitted, self._mean, points, kept)
         self.report.found += 1
         return _State(at_s, at_s, *fitted, np.zeros((n, n)), np.zeros(n)), kept
-
-    def _direct(self, points: Float64, information: Float64, z: Float64) -> tuple[Float64, Float64] | None:
-        """Align the palm to three or more base markers, else None; solve the fingers in closed form."""
-        base = information[self._base, 0, 0] > 0
-        if base.sum() < 3:
-            return None
-        weights = np.trace(information[self._base], axis1=1, axis2=2)[base]
-        layout = self.layout[base] * self.shape.mirror
-        # The part across the longest direction: what keeps the palm from turning about it.
-        spread = np.linalg.svd(layout - layout.mean(axis=0), compute_uv=False)
-        if spread[1] < 0.005:
-            return None
-        T = align(moments(points[self._base][base], layout, weights))
-        tips = np.where((information[:5, 0, 0] > 0)[:, None], points[:5], np.nan)
-        start = self._angles(z)
-        found = self.solver.solve(apply(inverse(T), tips), start)
-        return T, found.angles[self._angle_of]
 
     def _solved(
         self, fitted: tuple[Float64, Float64], start: Float64, points: Float64, kept: Float64
@@ -330,64 +307,19 @@ class HandTracker:
         return T, self.fingers.angles[self._angle_of]
 
     def _without_outliers(
-        self,
-        before: _State,
-        points: Float64,
-        information: Float64,
-        starts: list[tuple[Float64, Float64]] | None = None,
+        self, before: _State, points: Float64, information: Float64, starts: list[tuple[Float64, Float64]]
     ) -> tuple[tuple[Float64, Float64], Float64]:
-        """Return the best fit, and the information without that of rejected markers, the farthest first.
-
-        If the fit from the prediction is bad, the closed form is another start.
-        """
-        starts = starts or [(before.T, before.z)]
-        best = self._best(before, starts, points, information)
-        squared = self._misfits(best, points, information)
-        if squared.max() > _DOUBTFUL**2 and len(starts) == 1:
-            direct = self._direct(points, information, before.z)
-            if direct is not None:
-                starts = [best, direct]
-                best = self._best(before, starts, points, information)
-                squared = self._misfits(best, points, information)
-        kept = information.copy()
-        for _ in range(2):
-            worst = int(np.argmax(squared))
-            if squared[worst] <= self.settings.outlier_sd**2 or (kept[:, 0, 0] > 0).sum() <= 4:
-                break
-            kept[worst] = 0.0
-            self.report.rejected[worst] += 1
-            best = self._best(before, [*starts, best], points, kept)
-            squared = self._misfits(best, points, kept)
-        return best, kept
-
-    def _misfits(self, pose: tuple[Float64, Float64], points: Float64, information: Float64) -> Float64:
-        """Return the markers' squared Mahalanobis distances (markers,) from a posed hand."""
-        T, z = pose
-        out = np.empty(len(points))
-        _fitting().misfits(
-            self.solver.digits, self._mirror, self.layout, np.nan_to_num(points), information, self.columns, self.gains,
-            np.ascontiguousarray(T[:3, :3]).reshape(9), np.ascontiguousarray(T[:3, 3]), z, out,
+        """Return the best fit, and the information without that of rejected markers."""
+        n, kept = len(before.z), information.copy()
+        certainty = np.zeros((6 + n, 6 + n)) if before.certainty is None else before.certainty
+        T, z, rejected = np.empty((4, 4)), np.empty(n), np.zeros(len(points), dtype=np.int64)
+        _following().follow(
+            self._numbers, points, kept, self._motion(before), certainty, float(before.share),
+            np.array([pose for pose, _ in starts]), np.array([angles for _, angles in starts]), T, z, rejected,
         )  # fmt: skip
-        return out
-
-    def _best(
-        self, before: _State, starts: list[tuple[Float64, Float64]], points: Float64, info: Float64
-    ) -> tuple[Float64, Float64]:
-        least, best = np.inf, starts[0]
-        certainty = np.zeros_like(before.covariance) if before.certainty is None else before.certainty
-        predicted_R = np.ascontiguousarray(before.T[:3, :3]).reshape(9)
-        predicted_t = np.ascontiguousarray(before.T[:3, 3])
-        clean = np.nan_to_num(points)
-        for T, z in starts:
-            R, t, angles = np.ascontiguousarray(T[:3, :3]).reshape(9).copy(), T[:3, 3].copy(), z.copy()
-            cost = _fitting().fit(
-                self.solver.digits, self._mirror, self.layout, clean, info, self.columns, self.gains, self._c_max,
-                self._mean, before.share * self._prior, predicted_R, predicted_t, before.z, certainty, R, t, angles,
-                self.settings.most_iterations,
-            )  # fmt: skip
-            if cost < least:
-                least, best = cost, (rigid(R.reshape(3, 3), t), angles)
-        return best
+        for i in np.flatnonzero(rejected).tolist():
+            self.report.rejected[i] += int(rejected[i])
+        return (T, z), kept
 
     def _markers(self, T: Float64, z: Float64) -> Float64:
         """Return the markers of a posed hand, in the order of `update` [m]."""
@@ -398,10 +330,7 @@ class HandTracker:
     def _angles(self, z: Float64) -> Float64:
         """Return all angles (21,) for the free ones [rad]."""
         out = np.zeros(len(ANGLES))
-        for digit in range(5):
-            for k in _COLUMN_ORDER:
-                if self.columns[digit, k] >= 0:
-                    out[DIGIT_ANGLES[digit, k]] = self.gains[digit, k] * z[self.columns[digit, k]]
+        out[self._angles_at] = self._gains_at * z[self._columns_at]
         return out
 
     def _poses(self) -> list[tuple[Float64, Float64]]:
@@ -435,11 +364,7 @@ class HandTracker:
         tracked = (alone <= self.settings.tracked_sd_m) & seen
         states = np.where(tracked, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         angles_sd = np.zeros(len(ANGLES))
-        for digit in range(5):
-            for k in _COLUMN_ORDER:
-                column = self.columns[digit, k]
-                if column >= 0:
-                    angles_sd[DIGIT_ANGLES[digit, k]] = self.gains[digit, k] * np.sqrt(variances[6 + column])
+        angles_sd[self._angles_at] = self._gains_at * np.sqrt(variances[6 + self._columns_at])
         residuals[~np.isfinite(points).all(axis=-1)] = np.nan
         return Hand(
             state.at_s, self.shape.handedness, x, states, sd, self._angles(state.z), angles_sd, state.T, residuals
@@ -476,7 +401,7 @@ def free_angles(model: HandModel) -> tuple[NDArray[np.int64], Float64, NDArray[n
     columns, gains = np.full((5, 5), -1, dtype=np.int64), np.ones((5, 5))
     angle_of: list[int] = []
     for digit in range(5):
-        for k in _COLUMN_ORDER:
+        for k in range(5):
             angle = int(DIGIT_ANGLES[digit, k])
             if angle < 0 or (k in (1, 4) and model.limits[angle, 0] == model.limits[angle, 1]):
                 continue
@@ -531,6 +456,21 @@ def _nobody(at_s: float, shape: HandShape, markers: int) -> Hand:
         np.full(len(LANDMARKS), JointState.NOT_TRACKED, dtype=np.uint8), nan(len(LANDMARKS), np.nan),
         nan(len(ANGLES), np.nan), nan(len(ANGLES), np.nan), nan((4, 4), np.nan), nan(markers, np.nan),
     )  # fmt: skip
+
+
+def _rates(s: HandSettings, angles: int) -> Float64:
+    """Return the standard deviations (6 + angles,) of unpredicted speeds [m/s, rad/s]."""
+    rates = np.full(6 + angles, np.radians(s.angle_rate_deg_s))
+    rates[:3], rates[3:6] = s.palm_rate_m_s, np.radians(s.palm_rate_deg_s)
+    return rates
+
+
+@cache
+def _following() -> ModuleType:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.kinematics import hand_follow_kernels
+
+    return hand_follow_kernels
 
 
 @cache

@@ -1,20 +1,20 @@
 """Fit a hand to its 21 landmarks, with 27 degrees of freedom, and learn its size.
 
 The fit is that of `hand_tracker`, with all landmarks as measurements: tips, the palm's corners as its base, and the
-joints between. The bones' lengths and the palm's corners are the means over the instants that measure the whole hand,
-with the model's proportions as a prior.
+joints between. The bones' lengths and the palm's corners are the means over the instants that measure them, with the
+model's proportions as a prior.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import WireError
-from mocapella.geometry.alignment import align, moments
-from mocapella.geometry.rigid import apply
 from mocapella.kinematics.hand_settings import HandReport, HandSettings
 from mocapella.kinematics.hand_tracker import HandTracker, _State
 from mocapella.model.hand import BASES, LANDMARKS, TIPS, WRIST, Hand, Handedness, HandShape, hand_model
@@ -26,6 +26,10 @@ Bools = NDArray[np.bool_]
 _BASE: Final = (WRIST, *BASES)
 _ORDER: Final = np.array([*TIPS, *_BASE, *(b + k for b in BASES for k in (1, 2))], dtype=np.int64)
 """Landmarks in the order of the measurements of `HandTracker`."""
+_PALM: Final = np.array(_BASE)
+"""Landmarks of the palm's corners."""
+_ENDS: Final = np.array([[(b + k, b + k + 1) for k in range(3)] for b in BASES])
+"""Landmarks (5, 3, 2) at the ends of each digit's bones."""
 _PRIOR: Final = 15.0
 """Number of instants for which the model's proportions count."""
 _SIZED_AT: Final = (15, 30, 60, 120, 240, 480)
@@ -40,7 +44,7 @@ SETTINGS: Final = HandSettings(velocity_memory_s=0.06)
 """Settings of the fit: short memory, as cameras that are not synchronous need the present velocity."""
 KINDS: Final = (_State, HandReport)
 """Values in `KeypointHand.memory`."""
-_ARRAYS: Final = ("lengths", "bases", "lengths_sum", "bases_sum")
+_ARRAYS: Final = ("lengths", "bases", "lengths_sum", "bases_sum", "counts")
 
 
 class KeypointHand:
@@ -64,7 +68,7 @@ class KeypointHand:
     def reset(self) -> None:
         """Forget everything, as if newly made."""
         self.instants = 0
-        self._lengths_sum, self._bases_sum = np.zeros((5, 3)), np.zeros((5, 3))
+        self._lengths_sum, self._bases_sum, self._counts = np.zeros((5, 3)), np.zeros((5, 3)), np.zeros((5, 3))
         self._set_shape(self._start)
 
     def _set_shape(self, shape: HandShape) -> None:
@@ -75,7 +79,7 @@ class KeypointHand:
         """Return all state, for `recall`."""
         return {
             "lengths": self.shape.lengths, "bases": self.shape.bases, "lengths_sum": self._lengths_sum,
-            "bases_sum": self._bases_sum, "instants": self.instants, "state": self._fit.state,
+            "bases_sum": self._bases_sum, "counts": self._counts, "instants": self.instants, "state": self._fit.state,
             "report": self._fit.report,
         }  # fmt: skip
 
@@ -89,6 +93,7 @@ class KeypointHand:
             raise WireError("the memory of a hand has other values")
         self._set_shape(HandShape(self.side, memory["lengths"], memory["bases"]))
         self._lengths_sum, self._bases_sum = memory["lengths_sum"], memory["bases_sum"]
+        self._counts = memory["counts"]
         self.instants = memory["instants"]
         self._fit.recall(memory["state"], memory["report"])
 
@@ -122,29 +127,33 @@ class KeypointHand:
         )  # fmt: skip
 
     def _learn(self, points: Float64, measured: Bools) -> None:
-        """Add an instant that measures the whole hand to the means of its size, and resize it now and then."""
-        if self.instants >= _SIZED_AT[-1] or not measured.all():
+        """Add an instant that measures the whole palm to the means of the size; resize the hand at some (`_SIZED_AT`).
+
+        A bone counts if both of its ends are measured.
+        """
+        if self.instants >= _SIZED_AT[-1] or not measured[_PALM].all():
             return
-        corners, mirror = _layout(self.shape), self.shape.mirror
-        own = apply(align(moments(corners * mirror, points[list(_BASE)])), points[list(_BASE)]) * mirror
-        lengths = np.array([[np.linalg.norm(points[b + k + 1] - points[b + k]) for k in range(3)] for b in BASES])
+        corners, lengths, own = _layout(self.shape), np.empty((5, 3)), np.empty((len(_BASE), 3))
+        mirror = float(self.shape.mirror[0])
+        away = _kernels().measure(np.ascontiguousarray(points), corners, mirror, lengths, own)
+        if not away <= _RIGID_M:
+            return
         usual = lengths / self._start.lengths
-        away = float(np.sqrt(((own - corners) ** 2).sum(axis=1).mean()))
-        if not (away <= _RIGID_M and (usual > _BONE[0]).all() and (usual < _BONE[1]).all()):
-            return
+        used = measured[_ENDS].all(axis=-1) & (usual > _BONE[0]) & (usual < _BONE[1])
         self.instants += 1
-        self._lengths_sum += lengths
+        self._counts += used
+        self._lengths_sum += np.where(used, lengths, 0.0)
         self._bases_sum += own[1:] - own[0]
         if self.instants in _SIZED_AT:
             self._resize()
 
     def _resize(self) -> None:
         """Take the means as the size; the prior is the model's hand, scaled to them."""
-        n, model = self.instants, self._start
-        lengths, bases = self._lengths_sum / n, self._bases_sum / n
-        scale = float(np.clip((lengths.sum() / model.lengths.sum()), 0.5, 1.5))
-        lengths = (n * lengths + _PRIOR * scale * model.lengths) / (n + _PRIOR)
-        bases = (n * bases + _PRIOR * scale * model.bases) / (n + _PRIOR)
+        n, counts, model = self.instants, self._counts, self._start
+        usual = (counts * model.lengths).sum()
+        scale = float(np.clip(self._lengths_sum.sum() / usual, 0.5, 1.5)) if usual > 0 else 1.0
+        lengths = (self._lengths_sum + _PRIOR * scale * model.lengths) / (counts + _PRIOR)
+        bases = (self._bases_sum + _PRIOR * scale * model.bases) / (n + _PRIOR)
         self.shape = HandShape(self.side, lengths, bases)
         self._fit = self._fit.resized(self.shape, _layout(self.shape))
 
@@ -152,3 +161,11 @@ class KeypointHand:
 def _layout(shape: HandShape) -> Float64:
     """Return the palm's corners (6, 3) of a right hand: the wrist, and the digits' first joints [m]."""
     return np.concatenate([np.zeros((1, 3)), shape.bases])
+
+
+@cache
+def _kernels() -> ModuleType:
+    """Import the compiled kernel, and with it numba, on first use."""
+    from mocapella.kinematics import keypoint_hand_kernels
+
+    return keypoint_hand_kernels

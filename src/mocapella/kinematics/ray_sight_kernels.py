@@ -105,26 +105,26 @@ def aim(
     after_s: Float64, origin: Float64, speeds: Float64,
 ) -> None:  # fmt: skip
     """Write the valid rays about an origin (3,), moved back to the frame's instant by joint speeds (joints, 3)."""
-    rays = sight.rays
-    for i in range(sight.first[len(sight.first) - 1]):
-        k = sight.order[i]
+    rays, order, first, offsets = sight.rays, sight.order, sight.first, sight.offsets
+    for i in range(first[len(first) - 1]):
+        k = order[i]
         j, late = joints[k], after_s[k]
         for m in range(3):
-            rays[k, m] = origins[k, m] - origin[m] - late * speeds[j, m] - sight.offsets[j, m]
+            rays[k, m] = origins[k, m] - origin[m] - late * speeds[j, m] - offsets[j, m]
             rays[k, 3 + m] = directions[k, m]
         rays[k, 6] = max(sds_rad[k], LEAST_SD) ** 2
-        rays[k, 7] = sight.offsets[j, 3] + (UNSURE_SPEED * late) ** 2
+        rays[k, 7] = offsets[j, 3] + (UNSURE_SPEED * late) ** 2
 
 
 @njit(cache=True, error_model="numpy")
 def shift_origin(sight: Sight, shift: Float64) -> None:
     """Move the origin of the rays and points by ``shift`` (3,) [m]."""
-    rays, points = sight.rays, sight.points
-    for i in range(sight.first[len(sight.first) - 1]):
+    rays, points, order, first, agreeing = sight.rays, sight.points, sight.order, sight.first, sight.agreeing
+    for i in range(first[len(first) - 1]):
         for k in range(3):
-            rays[sight.order[i], k] -= shift[k]
+            rays[order[i], k] -= shift[k]
     for j in range(len(points)):
-        if sight.agreeing[j] >= 2:
+        if agreeing[j] >= 2:
             for k in range(3):
                 points[j, k] -= shift[k]
 
@@ -145,16 +145,17 @@ def weigh(
         The sum of the surprises of the joints that rays see, and their number.
     """
     rays, order, weights, nu = sight.rays, sight.order, sight.weights, model.parameters.degrees_of_freedom
+    starts, agreeing, points = sight.first, sight.agreeing, sight.points
     surprise, seen = 0.0, 0
     for j in range(len(variances)):
-        first, last = sight.first[j], sight.first[j + 1]
-        sight.agreeing[j] = 0
+        first, last = starts[j], starts[j + 1]
+        agreeing[j] = 0
         if first == last:
             continue
         variance = aged[j] if known else math.inf
-        sight.agreeing[j] = agree(rays, order, first, last, variance, positions[j], weights, sight.points[j])
+        agreeing[j] = agree(rays, order, first, last, variance, positions[j], weights, points[j])
         if not known:
-            seen += sight.agreeing[j] > 1
+            seen += agreeing[j] > 1
             continue
         expected, total, share = 0.0, 0.0, 0.0
         for i in range(first, last):
@@ -164,7 +165,7 @@ def weigh(
             if not math.isfinite(off):
                 weights[k] = 0.0
                 continue
-            if sight.agreeing[j] < 2:
+            if agreeing[j] < 2:
                 weights[k] = student(off / (own + aged[j]), 2.0, nu) ** 2
             expected += weights[k] * off / (own + variances[j])
             total += weights[k] * off / (own + aged[j])
@@ -173,7 +174,7 @@ def weigh(
             continue
         seen += 1
         surprise += min(0.5 * expected / share, MOST_SURPRISE)
-        if 2 <= sight.agreeing[j] < SURE:
+        if 2 <= agreeing[j] < SURE:
             joint = student(total / share, 2.0, nu)
             for i in range(first, last):
                 weights[order[i]] *= joint
@@ -208,10 +209,11 @@ def gather(sight: Sight, j: int, positions: Float64, out: Float64) -> None:
 
     A ray at distance s, with the unit direction d and the angular variance σ², tells (I − d dᵀ) / (σ s)².
     """
-    rays, order, weights = sight.rays, sight.order, sight.weights
+    rays, order, weights, starts = sight.rays, sight.order, sight.weights, sight.first
+    first, last, misfits = starts[j], starts[j + 1], sight.offsets[j, 3]
     a00 = a01 = a02 = a11 = a12 = a22 = f0 = f1 = f2 = 0.0
-    x, y, z, misfits = positions[j, 0], positions[j, 1], positions[j, 2], sight.offsets[j, 3]
-    for i in range(sight.first[j], sight.first[j + 1]):
+    x, y, z = positions[j, 0], positions[j, 1], positions[j, 2]
+    for i in range(first, last):
         k = order[i]
         if not weights[k] > 0.0:
             continue
@@ -241,15 +243,16 @@ def inform(sight: Sight, positions: Float64) -> None:
     left of the sum Λ of their information.
     """
     information, forces, inverse, A = sight.information, sight.forces, np.empty(6), np.empty(9)
+    first, offsets = sight.first, sight.offsets
     for j in range(len(positions)):
-        if sight.first[j] == sight.first[j + 1]:
+        if first[j] == first[j + 1]:
             for i in range(6):
                 information[j, i] = 0.0
             forces[j, 0] = forces[j, 1] = forces[j, 2] = 0.0
             continue
         gather(sight, j, positions, A)
         a00, a01, a02, a11, a12, a22 = A[0], A[1], A[2], A[3], A[4], A[5]
-        p = sight.offsets[j, 3]
+        p = offsets[j, 3]
         invert(1.0 + p * a00, p * a01, p * a02, 1.0 + p * a11, p * a12, 1.0 + p * a22, inverse, 0)
         b00, b01, b02, b11, b12, b22 = inverse[0], inverse[1], inverse[2], inverse[3], inverse[4], inverse[5]
         information[j, 0] = b00 * a00 + b01 * a01 + b02 * a02
@@ -275,11 +278,11 @@ def triangulated(sight: Sight) -> int:
 @njit(cache=True, error_model="numpy")
 def supporting(sight: Sight, j: int, positions: Float64, covariances: Float64) -> int:
     """Return how many rays agree with joint j of the estimate, within their noise and its uncertainty."""
-    rays, agreeing = sight.rays, 0
+    rays, order, weights, first, agreeing = sight.rays, sight.order, sight.weights, sight.first, 0
     variance = (covariances[j, 0, 0] + covariances[j, 1, 1] + covariances[j, 2, 2]) / 3.0
-    for i in range(sight.first[j], sight.first[j + 1]):
-        k = sight.order[i]
+    for i in range(first[j], first[j + 1]):
+        k = order[i]
         own = spread(rays, k, positions, j)
         chi2 = misfit(rays, k, positions[j, 0], positions[j, 1], positions[j, 2])
-        agreeing += sight.weights[k] > 0.0 and chi2 * own < GATE * (own + variance)
+        agreeing += weights[k] > 0.0 and chi2 * own < GATE * (own + variance)
     return agreeing
