@@ -9,8 +9,6 @@ from support.webcam_people import Path, circling, standing, walker
 from mocapella.calibration.keypoint_bundle import (
     BONES,
     CAMERA,
-    CLOCK,
-    FOCAL,
     STATURES,
     USED,
     BundlePrior,
@@ -46,10 +44,11 @@ def positions_sd(path: Path, bodies: int) -> float:
     for one, other, which in BONES:
         lengths[which] += np.linalg.norm(joints[:, one] - joints[:, other], axis=-1).tolist()
     free = np.ones((3, CAMERA), dtype=bool)
-    free[0, :6] = free[:, FOCAL] = free[:, CLOCK] = False
+    free[0, :6] = False
+    free[:, 6:] = False
     log_lengths = np.log([[float(np.mean(of)) for of in lengths]])
     prior = BundlePrior(
-        free, np.log(np.full(3, 530.0)), np.ones(3), np.zeros(3), np.ones(3),
+        free, np.array([one.camera.lens for one in RIG]), np.zeros(3), np.full((3, CAMERA), np.inf),
         float(np.exp(np.mean(log_lengths - np.log(STATURES)))),
     )  # fmt: skip
     start = PeopleBundle(T_camera_world, np.array([o.camera.lens for o in RIG]), np.zeros(3), joints, log_lengths)

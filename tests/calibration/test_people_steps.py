@@ -440,3 +440,36 @@ def test_each_sensor_has_a_partner_at_least(partners: int) -> None:
     else:
         with pytest.raises(SettingsError, match="partners"):
             PeopleCalibrationSettings(partners=0)
+
+
+def test_the_bodies_of_a_pair_are_listed_again_when_any_of_them_changes() -> None:
+    one, body = pair(), np.zeros(1)
+    assert one.calibration is not None
+    both: list[Any] = [dict.fromkeys((1, 2, 3)), dict.fromkeys((4, 5, 6))]
+    one.matched = ((1, 4),)
+    listed = one.bodies_of_both(*both)
+    assert listed == [(1, 4)]
+    assert one.bodies_of_both(*both) is listed
+    one.calibration.bodies[2, 5] = body  # in place, as by `PairCalibration.update`
+    assert one.bodies_of_both(*both) == [(1, 4), (2, 5)]
+    one.matched = ((3, 6),)
+    assert one.bodies_of_both(*both) == [(3, 6), (2, 5)]
+    both[1] = dict.fromkeys((4, 6))
+    assert one.bodies_of_both(*both) == [(3, 6)]
+
+
+def test_the_bodies_that_a_sensor_has_no_more_are_forgotten() -> None:
+    one, body = pair(), np.zeros(1)
+    assert one.calibration is not None
+    both: list[Any] = [dict.fromkeys((1, 2)), dict.fromkeys((4, 5))]
+    one.calibration.bodies = {(1, 4): body, (2, 5): body}
+    kept = one.calibration.bodies
+    for _ in range(2):
+        one.forget_bodies(*both)
+        assert one.calibration.bodies is kept
+    kept[3, 4] = body
+    one.forget_bodies(*both)
+    assert list(one.calibration.bodies) == [(1, 4), (2, 5)]
+    both[0] = dict.fromkeys((2,))
+    one.forget_bodies(*both)
+    assert list(one.calibration.bodies) == [(2, 5)]

@@ -14,7 +14,7 @@ from mocapella.calibration.people_rig import RigScale, combined, place_rig
 from mocapella.calibration.people_rig_live import LiveRigFromPeople, LiveRigSettings
 from mocapella.calibration.rig_from_people import PeopleSolution, RigFromPeopleSettings, solve_people
 from mocapella.errors import CalibrationError, SettingsError
-from mocapella.evaluation.rig_from_people import normalised_squares, pose_errors
+from mocapella.evaluation.rig_from_people import normalised_squares, pose_errors, shift_of_people
 from mocapella.geometry.twists import exp_twist
 from mocapella.model.camera import Camera, CameraRig
 from mocapella.model.keypoints import KeypointFrame
@@ -60,7 +60,7 @@ def test_noisy_keypoints_give_poses_focal_lengths_and_clocks() -> None:
     rig, solution = solved(given=False)
     found = place_rig(solution, stated(rig))
     position, direction = pose_errors(found.rig, rig)
-    assert position.max() < 0.08
+    assert position.max() < 0.1
     assert np.degrees(direction.max()) < 1.0
     for name, placed in found.rig.cameras.items():
         assert placed.camera.lens[0] == pytest.approx(rig.cameras[name].camera.lens[0], rel=0.04)
@@ -79,6 +79,16 @@ def test_errors_are_of_the_stated_size() -> None:
         normalised_squares(place_rig(solution, stated(rig)), rig).mean() for rig, solution in map(solved, range(3))
     ]
     assert 0.2 < np.mean(squares) < 3.0  # three seeds tell no more; `lab evaluate rig-from-people` has the figures
+
+
+def test_a_true_rig_fits_the_people_and_a_wrong_principal_point_shifts_them() -> None:
+    rig, solution = solved()
+    assert shift_of_people(solution, rig) < 3.0
+    cameras = dict(rig.cameras)
+    camera = cameras["cam2"].camera
+    wrong = msgspec.structs.replace(camera, lens=camera.lens + np.array([0, 0, 25, -20, 0, 0, 0, 0, 0]))
+    cameras["cam2"] = msgspec.structs.replace(cameras["cam2"], camera=wrong)
+    assert shift_of_people(solution, CameraRig(cameras)) > 10.0
 
 
 def test_the_floor_is_found_and_a_guessed_scale_is_marked() -> None:

@@ -49,6 +49,8 @@ OTHERS = 2
 MOST = 72
 """Upper bound of the number of hypotheses: all of six people in both sensors. With more, the lowest ids come first."""
 
+_bodies_of = operator.attrgetter("bodies")
+
 
 @dataclass
 class ColdStart:
@@ -83,7 +85,7 @@ class ColdStart:
         if not self.hypotheses:
             return
         # An estimator that `agreed` returned is updated elsewhere, too, which may drop or replace its state of a body.
-        rows = (one.bodies.get(who) for one, who in zip(self.hypotheses.values(), self._who, strict=True))
+        rows = map(dict.get, map(_bodies_of, self.hypotheses.values()), self._who)
         if self._stack is not None and not all(map(operator.is_, rows, self._rows)):
             self._stack = None
         if turned is None:

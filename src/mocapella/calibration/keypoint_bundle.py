@@ -11,7 +11,7 @@ Biometrika 73 (1986) 13).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,12 +27,17 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-CAMERA: Final = 8
-"""Number of parameters of a camera: a small motion in its own frame (6), the log of its focal length, its clock."""
+CAMERA: Final = 11
+"""Number of parameters of a camera: a small motion in its own frame (6), the log of its focal length, its clock, its
+principal point in focal lengths (2), and the first coefficient k1 of its radial distortion."""
 POSE: Final = slice(0, 6)
 FOCAL: Final = 6
 CLOCK: Final = 7
-"""Places of a camera's motion, logarithm of the focal length and clock among its parameters."""
+CENTRE: Final = slice(8, 10)
+BEND: Final = 10
+"""Places of a camera's motion, logarithm of the focal length, clock, principal point and k1 among its parameters."""
+LENS: Final = (FOCAL, 8, 9, BEND)
+"""Places of the parameters of the lens."""
 CAUCHY: Final = 2.5
 """Scale of the Cauchy loss, in standard deviations."""
 BONE_SD: Final = 0.05
@@ -41,6 +46,8 @@ SHAPE_SD: Final = 0.10
 """Standard deviation of a bone's proportion between people, as a fraction."""
 PINNED: Final = 1e-4
 """Standard deviation of the mean proportion, which fixes the scale."""
+ALIKE_SD: Final = 0.01
+"""Standard deviation of the logarithm of the focal length, and of k1, about their means over cameras of one model."""
 STEPS: Final = 15
 """Most steps of a minimisation."""
 ROUNDS: Final = 4
@@ -115,20 +122,21 @@ class BundlePrior:
     """What is known before.
 
     Attributes:
-        free: (cameras, 8) whether each parameter is estimated.
-        log_focal: (cameras,) mean of the logarithm of the focal length.
-        focal_sd: (cameras,) its standard deviation.
+        free: (cameras, 11) whether each parameter is estimated.
+        lens: (cameras, 9) lenses whose focal length [px], principal point [px] and k1 are the means.
         clock_s: (cameras,) mean of the clock, relative to the clocks of the interpolation [s].
-        clock_sd_s: (cameras,) its standard deviation [s].
+        sd: (cameras, 11) standard deviations, in the units of the parameters; infinite for the pose.
         mean_stature: stature that the mean of all bones has, which fixes the scale [m].
+        alike: (cameras, cameras) symmetric projection to the differences of lenses that are equal but for `ALIKE_SD`;
+            None if there are none.
     """
 
     free: Bool
-    log_focal: Float64
-    focal_sd: Float64
+    lens: Float64
     clock_s: Float64
-    clock_sd_s: Float64
+    sd: Float64
     mean_stature: float
+    alike: Float64 | None = None
 
 
 @dataclass(frozen=True)
@@ -139,7 +147,7 @@ class AdjustedPeople:
         bundle: the adjusted values.
         residual_px: (n, 2) measured minus projected keypoints [px].
         sigma: robust standard deviation of a keypoint's coordinate, of relative standard deviation 1 [px].
-        covariance: (cameras, 8, cameras, 8); 0 for fixed values.
+        covariance: (cameras, 11, cameras, 11); 0 for fixed values.
     """
 
     bundle: PeopleBundle
@@ -183,13 +191,13 @@ def adjust_people(
     Returns:
         The minimum that was found; its residuals show whether it is good.
     """
-    return result_of(adjusting_people(views, start, prior, rounds))
+    return result_of(stating_covariance(views, result_of(adjusting_people(views, start, prior, rounds)), prior))
 
 
 def adjusting_people(
     views: KeypointViews, start: PeopleBundle, prior: BundlePrior, rounds: int = ROUNDS
 ) -> Steps[AdjustedPeople]:
-    """Return the steps of `adjust_people`."""
+    """Return the steps of `adjust_people` without the covariance, which is 0."""
     seen = _seen(views)
     unknown = 3 * int(seen.sum()) + int(prior.free.sum()) + start.log_lengths.size
     spare = min(0.9, unknown / (views.pixel.size + seen[:, :1].size * len(BONES)))
@@ -199,9 +207,8 @@ def adjusting_people(
         before, sigma = sigma, _sigma(views, _residual(views, bundle), spare)
         if abs(sigma - before) <= 0.01 * sigma:
             break
-    yield
-    covariance = _covariance(views, bundle, prior, sigma, seen)
-    return AdjustedPeople(bundle, _residual(views, bundle), sigma, covariance)
+    nothing = np.zeros((len(bundle.lenses), CAMERA) * 2)
+    return AdjustedPeople(bundle, _residual(views, bundle), sigma, nothing)
 
 
 def _seen(views: KeypointViews) -> Bool:
@@ -249,18 +256,29 @@ def _bones(bundle: PeopleBundle, person: Int64, seen: Bool) -> tuple[Float64, Fl
     return np.where(both, (ratio - 1.0) / BONE_SD, 0.0), along / length[..., None], np.where(both, ratio, 0.0)
 
 
-def _prior_residuals(bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64, Float64, Float64, float]:
-    """Return the deviations of focal lengths, clocks and bones, and of the mean of the bones, in their sds."""
-    log_focal = np.log(bundle.lenses[:, :2]).mean(axis=1)
+def _unlike(bundle: PeopleBundle, prior: BundlePrior) -> Float64:
+    """Return the differences (2, cameras) of the logarithms of focal lengths and of k1 that should be equal."""
+    if prior.alike is None:
+        return np.zeros((2, len(bundle.lenses)))
+    return np.stack([np.log(bundle.lenses[:, :2]).mean(axis=1), bundle.lenses[:, 4]]) @ prior.alike / ALIKE_SD
+
+
+def _prior_residuals(bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64, Float64, float]:
+    """Return the deviations of the cameras' parameters (cameras, 11), of the bones, and of their mean, in their sds."""
+    lens, mean = bundle.lenses, prior.lens
+    own = np.zeros((len(lens), CAMERA))
+    own[:, FOCAL] = np.log(lens[:, :2] / mean[:, :2]).mean(axis=1)
+    own[:, CLOCK] = bundle.clocks_s - prior.clock_s
+    own[:, CENTRE] = (lens[:, 2:4] - mean[:, 2:4]) / mean[:, :2]
+    own[:, BEND] = lens[:, 4] - mean[:, 4]
     off = bundle.log_lengths - np.log(STATURES * prior.mean_stature)
     pinned = float(off.mean()) / PINNED
-    clocks = (bundle.clocks_s - prior.clock_s) / prior.clock_sd_s
-    return (log_focal - prior.log_focal) / prior.focal_sd, clocks, (off - off.mean()) / SHAPE_SD, pinned
+    return np.where(prior.free, own / prior.sd, 0.0), (off - off.mean()) / SHAPE_SD, pinned
 
 
 def _cost(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> float:
     squares = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
-    bones, priors = _bones(bundle, views.person, seen)[0], _prior_residuals(bundle, prior)
+    bones, priors = _bones(bundle, views.person, seen)[0], (*_prior_residuals(bundle, prior), _unlike(bundle, prior))
     return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in priors)
 
 
@@ -320,14 +338,17 @@ def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, s
 
 
 def _linearised(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64, Float64, Float64]:
-    """Return the residuals, and their derivatives by the camera's parameters (n, 2, 8) and by the joint (n, 2, 3).
+    """Return the residuals, and their derivatives by the camera's parameters (n, 2, 11) and by the joint (n, 2, 3).
 
     Derivatives by fixed parameters are 0.
     """
     p, pixel, by_point, by_lens, R = _expected(views, bundle)
     focal = bundle.lenses[views.camera, :2]
     by_focal = by_lens[..., 0] * focal[:, :1] + by_lens[..., 1] * focal[:, 1:]
-    parts = [-by_point, by_point @ cross_matrix(p), -by_focal[..., None], views.velocity[..., None]]
+    parts = [
+        -by_point, by_point @ cross_matrix(p), -by_focal[..., None], views.velocity[..., None],
+        -by_lens[..., 2:4] * focal[:, None, :], -by_lens[..., 4:5],
+    ]  # fmt: skip
     J = np.where(prior.free[views.camera][:, None, :], np.nan_to_num(np.concatenate(parts, axis=-1)), 0.0)
     return _difference(views, bundle, pixel), J, np.nan_to_num(-by_point @ R)
 
@@ -370,12 +391,16 @@ def _add_bones(to: _Blocks, bundle: PeopleBundle, person: Int64, seen: Bool) -> 
 
 def _add_prior(general: Float64, of_general: Float64, bundle: PeopleBundle, prior: BundlePrior) -> None:
     cameras = len(bundle.lenses)
-    focal, clocks, shape, pinned = _prior_residuals(bundle, prior)
-    for residual, sd, offset in ((focal, prior.focal_sd, FOCAL), (clocks, prior.clock_sd_s, CLOCK)):
-        at = np.arange(cameras) * CAMERA + offset
-        free = prior.free[:, offset]
-        general[at, at] += np.where(free, sd**-2.0, 0.0)
-        of_general[at] += np.where(free, residual / sd, 0.0)
+    own, shape, pinned = _prior_residuals(bundle, prior)
+    at = np.arange(cameras * CAMERA)
+    general[at, at] += np.where(prior.free, prior.sd**-2.0, 0.0).ravel()
+    of_general[at] += (own / prior.sd).ravel()
+    if prior.alike is not None:
+        for place, off in zip((FOCAL, BEND), _unlike(bundle, prior), strict=True):
+            mine = np.flatnonzero(prior.free[:, place])
+            of = mine * CAMERA + place
+            general[np.ix_(of, of)] += prior.alike[np.ix_(mine, mine)] / ALIKE_SD**2
+            of_general[of] += off[mine] / ALIKE_SD
     count = bundle.log_lengths.size
     bones = slice(cameras * CAMERA, cameras * CAMERA + count)
     general[bones, bones] += (np.eye(count) - 1.0 / count) / SHAPE_SD**2
@@ -409,7 +434,9 @@ def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: fl
     of_cameras = np.where(prior.free, x[: cameras * CAMERA].reshape(cameras, CAMERA), 0.0)
     of_cameras = np.clip(of_cameras, -1.0, 1.0)
     lenses = bundle.lenses.copy()
+    lenses[:, 2:4] += lenses[:, :2] * np.clip(of_cameras[:, CENTRE], -0.05, 0.05)
     lenses[:, :2] *= np.exp(np.clip(of_cameras[:, FOCAL], -0.3, 0.3))[:, None]
+    lenses[:, 4] += np.clip(of_cameras[:, BEND], -0.1, 0.1)
     return PeopleBundle(
         exp_twist(of_cameras[:, POSE]) @ bundle.T_camera_world,
         lenses,
@@ -419,18 +446,22 @@ def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: fl
     )
 
 
-def _covariance(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> Float64:
-    """Return the covariance of the cameras' parameters.
+def stating_covariance(views: KeypointViews, adjusted: AdjustedPeople, prior: BundlePrior) -> Steps[AdjustedPeople]:
+    """Return the steps that add the covariance of the cameras' parameters to an adjustment.
 
-    Dispersions are estimated for positions, directions, focal lengths and clocks: the mean square of the pulls of the
-    clusters, relative to what independent errors would do. Errors that last for the whole recording are in no residual:
+    Dispersions are estimated for each kind of parameter (`_KINDS`): the mean square of the pulls of the clusters,
+    relative to what independent errors would do. Errors that last for the whole recording are in no residual:
     `LASTING_PX` of them is assumed and propagated (`_lasting_pulls`).
     """
+    bundle, sigma = adjusted.bundle, adjusted.sigma
     cameras = len(bundle.lenses)
-    system = _equations(views, bundle, prior, sigma, seen)
+    yield
+    system = _equations(views, bundle, prior, sigma, _seen(views))
+    yield
     S, solved, _ = _reduced(system, 0.0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-30))
     inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+    yield
     scores = np.zeros((int(views.cluster.max(initial=0)) + 1, len(S)))
     np.add.at(scores, views.cluster, system.of_bodies)
     scores -= scores.mean(axis=0)
@@ -449,10 +480,11 @@ def _covariance(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, 
             squares = float(np.einsum("ki,ij,kj->", pulls[:, at], block, pulls[:, at]))
             spread.ravel()[at] = math.sqrt(max(1.0, squares / len(at)))
     mask, own = free.ravel(), slice(0, cameras * CAMERA)
+    yield
     lasting = _lasting_pulls(views, bundle, prior, sigma, solved) @ inverse[:, own]
     total = factor * inner * np.outer(spread, spread) + lasting.T @ lasting
     covariance = np.where(mask[:, None] & mask, total, 0.0)
-    return covariance.reshape(cameras, CAMERA, cameras, CAMERA)
+    return replace(adjusted, covariance=covariance.reshape(cameras, CAMERA, cameras, CAMERA))
 
 
 def _lasting_pulls(
@@ -508,5 +540,5 @@ PLACE_M: Final = 0.5
 LASTING_PX: Final = 4.0
 """Standard deviation of a lasting error of a keypoint of relative standard deviation 1 [px]: 1 % of the size of a
 person of 400 px, about what annotators of joints differ by (Lin et al., *COCO*, keypoint similarity)."""
-_KINDS: Final = ((0, 1, 2), (3, 4, 5), (FOCAL,), (CLOCK,))
+_KINDS: Final = ((0, 1, 2), (3, 4, 5), (FOCAL,), (CLOCK,), (8, 9), (BEND,))
 """Parameters of a camera whose dispersions are estimated together."""

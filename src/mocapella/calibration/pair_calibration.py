@@ -264,8 +264,12 @@ class PairCalibration:
         self.scalars[at.OWN_SD] = reach if estimate.trusted else 0.0
 
     def forget_bodies(self, keep: Any) -> None:
-        """Drop the state of each pair of bodies for whose key, as given to `update`, ``keep`` returns False."""
-        self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
+        """Drop the state of each pair of bodies for whose key, as given to `update`, ``keep`` returns False.
+
+        `bodies` stays the same object unless one is dropped.
+        """
+        if not all(map(keep, self.bodies)):
+            self.bodies = {who: body for who, body in self.bodies.items() if keep(who)}
 
     def estimate(self) -> PairEstimate:
         """Return the present relative pose and clock offset, with covariance and the reason for distrust.

@@ -92,9 +92,7 @@ class PairsFromPeople:
             one, other = people(key[0]), people(key[1])
             if one is not pair.owners[0] or other is not pair.owners[1]:
                 pair.owners, pair.matched = (one, other), same_people(one, other)
-        bodies = [
-            ids for ids in dict.fromkeys((*pair.matched, *pair.calibration.bodies)) if ids[0] in a and ids[1] in b
-        ]
+        bodies = pair.bodies_of_both(a, b)
         for _ in range(min(len(bodies), MOST_TURNS)):
             ids = bodies[pair.turn % len(bodies)]
             pair.turn += 1
@@ -133,9 +131,8 @@ class PairsFromPeople:
         self._match(keys, people is None)
         pairs = [(key, self._pairs[key]) for key in keys]
         known = [(key, pair, pair.calibration) for key, pair in pairs if pair.calibration is not None]
-        for key, _, calibration in known:
-            a, b = (self._tracks[sensor].bodies for sensor in key)
-            calibration.forget_bodies(lambda who, a=a, b=b: who[0] in a and who[1] in b)
+        for key, pair, calibration in known:
+            pair.forget_bodies(*(self._tracks[sensor].bodies for sensor in key))
             if self._frozen(key[0]) or self._frozen(key[1]):
                 for body in calibration.bodies.values():  # a frozen stream disagrees, but the sensor was not moved
                     body[at.DISAGREES_SINCE] = np.nan

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_bundle import CLOCK, FOCAL
+from mocapella.calibration.keypoint_gauge import aligned_sds
 from mocapella.calibration.people_floor import PeopleFloor, find_floor, world_frame
 from mocapella.calibration.rig_from_people import STATURE_M, PeopleSolution
 from mocapella.errors import CalibrationError, SettingsError, one_of
@@ -83,8 +84,9 @@ class PlacedByPeople(msgspec.Struct, frozen=True):
     Attributes:
         keypoints: number of keypoints that were used.
         residual_px: median distance of the keypoints from the adjusted joints [px].
-        position_sd_mm: standard deviation of the position, relative to the first camera and without the scale's [mm].
-        rotation_sd_deg: of the orientation, about all axes together [°].
+        position_sd_mm: standard deviation of the position, without the scale's, after the rigid motion that aligns all
+            cameras best [mm].
+        rotation_sd_deg: of the orientation, about all axes together, after the same motion [°].
         focal_sd_percent: of the focal length; 0 if the lens was given [%].
         clock_sd_ms: of the clock [ms].
         clock_ms: the camera's clock minus the first's [ms].
@@ -134,8 +136,8 @@ class RigFromPeople(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def good(self) -> bool:
-        """Whether standard deviations are at most 40 mm and 1° for every camera, and 5 % for every focal length."""
-        return all(
+        """Whether people walked about, and standard deviations are at most 40 mm, 1° and 5 % of each focal length."""
+        return self.extent_m >= LEAST_EXTENT_M and all(
             c.position_sd_mm <= POOR_MM and c.rotation_sd_deg <= POOR_DEG and c.focal_sd_percent <= 100 * POOR_FOCAL
             for c in self.cameras.values()
         )
@@ -172,9 +174,11 @@ def place_rig(found: PeopleSolution, scale: RigScale | None = None, old: CameraR
     scaled = _Scaled(fit.scale, fit.scale_sd, "by the given rig") if fit and none else _scale(found, floor, stated)
     first = world_frame(bundle.T_camera_world[0], floor)
     T_world_joints = first if fit is None else fit.T_world_joints
-    covariance = scaled_covariance(
-        found, scaled.factor, scaled.sd, None if stated.distance_m is None else stated.between
-    )
+    between = None if stated.distance_m is None else stated.between
+    covariance = scaled_covariance(found, scaled.factor, scaled.sd, between)
+    scaled_T = bundle.T_camera_world.copy()
+    scaled_T[:, :3, 3] *= scaled.factor
+    sds = aligned_sds(scaled_T, _without_scale(found, scaled.factor, between))
     cameras, quality = {}, {}
     for k, name in enumerate(found.names):
         T = _scaled_pose(bundle.T_camera_world[k], T_world_joints, scaled.factor)
@@ -184,7 +188,7 @@ def place_rig(found: PeopleSolution, scale: RigScale | None = None, old: CameraR
         if old is not None and none and not moved and name in old.cameras:
             placed = combined(placed, old.cameras[name])
         cameras[name] = placed
-        quality[name] = _quality(found, k, scaled.factor, moved=moved)
+        quality[name] = _quality(found, k, (float(sds[0][k]), float(sds[1][k])), moved=moved)
     rig = CameraRig(cameras)
     extent = scaled.factor * _extent(found)
     seen = RigFromPeople(
@@ -260,6 +264,15 @@ def scaled_covariance(
         sd: relative standard deviation of the scale.
         between: cameras whose distance is known, so that an error of it is one of the scale; None for none.
     """
+    moved, cameras = _without_scale(found, factor, between), len(found.names)
+    t = factor * found.adjusted.bundle.T_camera_world[:, :3, 3]
+    out = np.stack([moved[c, :, c] for c in range(cameras)])
+    out[:, :3, :3] += sd**2 * t[:, :, None] * t[:, None, :]
+    return np.asarray(0.5 * (out + np.swapaxes(out, 1, 2)))
+
+
+def _without_scale(found: PeopleSolution, factor: float, between: tuple[str, str] | None) -> Float64:
+    """Return the covariance (cameras, 6, cameras, 6) of all poses as `scaled_covariance`, of an exact scale."""
     T, joint = found.adjusted.bundle.T_camera_world, found.adjusted.covariance
     cameras = len(T)
     full = joint[:, :6, :, :6].copy()
@@ -274,21 +287,18 @@ def scaled_covariance(
         along = apart / (apart @ apart)
         J[:, :3, a, :3] -= t[:, :, None] * -(R[a] @ along)
         J[:, :3, b, :3] -= t[:, :, None] * (R[b] @ along)
-    moved = np.einsum("aibj,bjck,dlck->aidl", J, full, J)
-    out = np.stack([moved[c, :, c] for c in range(cameras)])
-    out[:, :3, :3] += sd**2 * t[:, :, None] * t[:, None, :]
-    return np.asarray(0.5 * (out + np.swapaxes(out, 1, 2)))
+    return np.asarray(np.einsum("aibj,bjck,dlck->aidl", J, full, J))
 
 
-def _quality(found: PeopleSolution, k: int, factor: float, *, moved: bool) -> PlacedByPeople:
+def _quality(found: PeopleSolution, k: int, sds: tuple[float, float], *, moved: bool) -> PlacedByPeople:
     covariance, mine = found.adjusted.covariance[k, :, k], found.views.camera == k
     residual = np.linalg.norm(found.adjusted.residual_px[mine], axis=1)
     variances = np.diag(covariance)
     return PlacedByPeople(
         int(mine.sum()),
         float(np.median(residual)) if len(residual) else math.inf,
-        1e3 * factor * math.sqrt(variances[:3].sum()),
-        math.degrees(math.sqrt(variances[3:6].sum())),
+        1e3 * sds[0],
+        math.degrees(sds[1]),
         100 * math.sqrt(variances[FOCAL]),
         1e3 * math.sqrt(variances[CLOCK]),
         1e3 * float(found.clocks_s[k]),
@@ -367,8 +377,8 @@ def _fit_old(found: PeopleSolution, old: CameraRig) -> _OldFit:
         )
     new = {name: inverse(T) for name, T in zip(found.names, found.adjusted.bundle.T_camera_world, strict=True)}
     before = {name: inverse(old.cameras[name].T_camera_world) for name in shared}
-    variances = np.einsum("cici->ci", found.adjusted.covariance[:, :6, :, :6])
-    sds = {name: np.sqrt(variances[k].reshape(2, 3).sum(axis=1)) for k, name in enumerate(found.names)}
+    own = aligned_sds(found.adjusted.bundle.T_camera_world, found.adjusted.covariance[:, :6, :, :6])
+    sds = dict(zip(found.names, np.stack(own, axis=1), strict=True))
     best: tuple[int, float, list[str]] | None = None
     for a in range(len(shared)):
         for b in range(a + 1, len(shared)):
@@ -386,9 +396,7 @@ def _fit_old(found: PeopleSolution, old: CameraRig) -> _OldFit:
             "calibrate anew without --rig"
         )
     R, t, scale = _aligned(fits, new, before)
-    sd = math.sqrt(
-        np.mean([found.adjusted.covariance[k, i, k, i] for k in range(1, len(found.names)) for i in range(3)])
-    )
+    sd = float(np.sqrt((own[0] ** 2).mean() / 3))
     apart = float(np.linalg.norm(np.ptp(np.stack([new[name][:3, 3] for name in fits]), axis=0)))
     return _OldFit(
         rigid(R, t / scale), scale, sd / max(apart, 1e-9), tuple(name for name in shared if name not in fits)

@@ -37,6 +37,7 @@ class LiveRigSettings:
         step_s: least time between two frames that an estimate goes on with; larger: less work, later results [s].
         steps: number of steps that an estimate does with such a frame; larger: more work at once, earlier results
             [steps].
+        same_lenses: whether all cameras of one image size are of one model, with equal focal lengths and k1.
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -49,6 +50,7 @@ class LiveRigSettings:
     rate_hz: float = 15.0
     step_s: float = 0.03
     steps: int = 1
+    same_lenses: bool = False
 
     def __post_init__(self) -> None:
         check(2.5 <= self.first_s <= 600, "first_s", self.first_s, "from 2.5 to 600 s")
@@ -190,7 +192,9 @@ class LiveRigFromPeople:
     def _solving(self) -> Steps[PeopleSolution]:
         assert self._inputs is not None
         known = {} if self._old is None else {name: one.camera for name, one in self._old.cameras.items()}
-        return solving_people(self._inputs, known, RigFromPeopleSettings(instants=self.settings.instants))
+        s = self.settings
+        settings = RigFromPeopleSettings(instants=s.instants, same_lenses=s.same_lenses)
+        return solving_people(self._inputs, known, settings)
 
     def _use(self, solved: PeopleSolution) -> bool:
         try:

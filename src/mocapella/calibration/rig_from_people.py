@@ -19,10 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_bundle import (
+    BEND,
     CAMERA,
+    CENTRE,
     CLOCK,
     FOCAL,
     JOINTS,
+    LENS,
+    POSE,
     STATURES,
     USED,
     AdjustedPeople,
@@ -30,7 +34,9 @@ from mocapella.calibration.keypoint_bundle import (
     KeypointViews,
     PeopleBundle,
     adjusting_people,
+    stating_covariance,
 )
+from mocapella.calibration.keypoint_gauge import aligned_sds
 from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, finding_pair, rescored
 from mocapella.calibration.keypoint_people import PersonPassage, join_people
 from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
@@ -53,6 +59,11 @@ FIELD_OF_VIEW_RAD: Final = math.radians(66.0)
 """Typical field of view of a webcam along the longer side of the image [rad]."""
 FOCAL_SD: Final = 0.25
 """Standard deviation of the logarithm of an unknown focal length: fields of view of 50° to 90°."""
+CENTRE_SD: Final = 0.01
+"""Standard deviation of an unknown principal point from the middle of the image, along each axis, as a fraction of the
+longer side: boards find about 0.5 to 1.5 % in inexpensive cameras."""
+BEND_SD: Final = 0.15
+"""Standard deviation of an unknown k1: lenses with a field of view of 90° or less have −0.3 to 0.1."""
 _JOINT_SD: Final = {  # error of keypoints relative to a wrist's, after COCO's object keypoint similarity
     "Nose": 0.7, "LEye": 0.7, "REye": 0.7, "LEar": 0.8, "REar": 0.8, "LHip": 1.5, "RHip": 1.5, "Hip": 1.5, "Neck": 1.2,
     "Head": 1.2, "LShoulder": 1.2, "RShoulder": 1.2, "LKnee": 1.2, "RKnee": 1.2,
@@ -71,6 +82,7 @@ class RigFromPeopleSettings:
         passage_instants: number of instants within which two cameras' tracks are matched; larger: fewer wrong matches,
             more harm by an exchange of people [instants].
         clock_search_s: largest difference of two cameras' clocks that is searched for; larger: takes longer [s].
+        same_lenses: whether all cameras of one image size are of one model, with equal focal lengths and k1.
         least_share: least share of keypoints that must agree between two cameras; larger: fewer wrong calibrations,
             more refusals [0 to 1].
         least_score: least number of agreeing keypoints of two cameras [keypoints].
@@ -84,6 +96,7 @@ class RigFromPeopleSettings:
     every_s: float = 0.2
     passage_instants: int = 10
     clock_search_s: float = 0.0
+    same_lenses: bool = False
     least_share: float = 0.7
     least_score: float = 100.0
     seed: int = 0
@@ -191,8 +204,8 @@ def solving_people(
     placed = tree_poses(pairs, directions, data.passages, tree, STATURE_M)
     poses = np.stack([placed[k] for k in range(len(data.names))])
     rough = data.thinned(max(1, len(data.at_s) // _ROUGH_INSTANTS))
-    solution = yield from _solution(rough, _Start(poses, lenses, clocks, lens_known), pairs)
-    solution = yield from _again(data, solution)
+    solution = yield from _solution(rough, _Start(poses, lenses, clocks, lens_known, s.same_lenses), pairs)
+    solution = yield from _again(data, solution, same_lenses=s.same_lenses)
     _check_solution(solution)
     return solution
 
@@ -206,7 +219,7 @@ LARGEST_SD_M: Final = 1.0
 def _check_solution(found: PeopleSolution) -> None:
     """Raise a `CalibrationError` if the cameras contradict each other, or one is not determined at all."""
     sigma = found.adjusted.sigma
-    sds = np.sqrt(np.einsum("cici->ci", found.adjusted.covariance[:, :3, :, :3]).sum(axis=1))
+    sds = aligned_sds(found.adjusted.bundle.T_camera_world, found.adjusted.covariance[:, :6, :, :6])[0]
     worst = int(np.argmax(sds))
     if sigma > LARGEST_SIGMA_PX:
         raise CalibrationError(
@@ -332,32 +345,41 @@ class _Start(msgspec.Struct, frozen=True, eq=False):
     lenses: Float64
     clocks_s: Float64
     lens_known: NDArray[np.bool_]
+    same_lenses: bool
 
 
 def _solution(
     data: _Data, start: _Start, pairs: Mapping[tuple[int, int], CameraPair], *, complete: bool = False
 ) -> Steps[PeopleSolution]:
-    """Adjust everything; the tracks are interpolated again by the clocks until these settle."""
+    """Adjust everything; the tracks are interpolated again by the clocks until these settle.
+
+    Args:
+        data: the tracks.
+        start: values to begin with.
+        pairs: matches of the tracks of pairs of cameras.
+        complete: whether the covariance and all joints are wanted.
+    """
     sightings = join_people(pairs)
     clocks, T, lenses = start.clocks_s.copy(), start.T_camera_world, start.lenses
     before: PeopleBundle | None = None
     for turn in range(_TURNS):
         yield
         views, at_s = _views(data, sightings, clocks)
+        yield
         views, bundle = _bundle(views, T, lenses, before)
-        settling = turn + 1 < _TURNS
-        adjusted = yield from adjusting_people(
-            views, bundle, _prior(data, start, clocks, lenses), rounds=1 if settling else 2
-        )
+        settling, prior = turn + 1 < _TURNS, _prior(data, start, clocks, lenses)
+        adjusted = yield from adjusting_people(views, bundle, prior, rounds=1 if settling else 2)
         before = adjusted.bundle
         T, lenses, moved = before.T_camera_world, before.lenses, before.clocks_s
         if np.abs(moved).max() < _SETTLED_S and turn:
             break
         clocks = clocks + moved
-    return PeopleSolution(
-        data.names, data.sizes_px, adjusted, clocks, views, at_s, start.lens_known,
-        _all_joints(data, sightings, clocks, adjusted.bundle) if complete else np.zeros((0, len(HALPE), 3)),
-    )  # fmt: skip
+    people = np.zeros((0, len(HALPE), 3))
+    if complete:
+        adjusted = yield from stating_covariance(views, adjusted, prior)
+        yield
+        people = _all_joints(data, sightings, clocks, adjusted.bundle)
+    return PeopleSolution(data.names, data.sizes_px, adjusted, clocks, views, at_s, start.lens_known, people)
 
 
 def _all_joints(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64, bundle: PeopleBundle) -> Float64:
@@ -385,7 +407,7 @@ _SETTLED_S: Final = 0.001
 """Change of the clocks below which the tracks are not interpolated again [s]."""
 
 
-def _again(data: _Data, found: PeopleSolution) -> Steps[PeopleSolution]:
+def _again(data: _Data, found: PeopleSolution, *, same_lenses: bool) -> Steps[PeopleSolution]:
     """Match the people of all pairs of cameras by the adjusted cameras, and adjust again."""
     bundle, clocks = found.adjusted.bundle, found.clocks_s
     directions = _directions(data, bundle.lenses, clocks)
@@ -396,7 +418,7 @@ def _again(data: _Data, found: PeopleSolution) -> Steps[PeopleSolution]:
         pair = rescored(T_b_a, directions[a], directions[b], data.passages)
         if pair is not None and pair.score > 0:
             pairs[a, b] = pair
-    start = _Start(bundle.T_camera_world, bundle.lenses, clocks, found.lens_known)
+    start = _Start(bundle.T_camera_world, bundle.lenses, clocks, found.lens_known, same_lenses)
     return (yield from _solution(data, start, pairs, complete=True))
 
 
@@ -467,14 +489,20 @@ def _bundle(
 def _prior(data: _Data, start: _Start, clocks: Float64, lenses: Float64) -> BundlePrior:
     cameras = len(data.names)
     free = np.ones((cameras, CAMERA), dtype=bool)
-    free[0, :6] = free[0, CLOCK] = False
-    free[:, FOCAL] = ~start.lens_known
-    unknown = np.array([_lens(name, size, {})[0] for name, size in zip(data.names, data.sizes_px, strict=True)])
-    focal = np.where(start.lens_known, lenses[:, :2].mean(axis=1), unknown)
-    return BundlePrior(
-        free, np.log(focal), np.full(cameras, FOCAL_SD), -(clocks - clocks[0]), np.full(cameras, _CLOCK_SD_S),
-        STATURE_M,
-    )  # fmt: skip
+    free[0, POSE] = free[0, CLOCK] = False
+    free[:, list(LENS)] &= ~start.lens_known[:, None]
+    typical = np.array([_lens(name, size, {}) for name, size in zip(data.names, data.sizes_px, strict=True)])
+    sd = np.full((cameras, CAMERA), np.inf)
+    sd[:, FOCAL], sd[:, CLOCK], sd[:, BEND] = FOCAL_SD, _CLOCK_SD_S, BEND_SD
+    sd[:, CENTRE] = (CENTRE_SD * np.max(data.sizes_px, axis=1) / typical[:, 0])[:, None]
+    mean = np.where(start.lens_known[:, None], lenses, typical)
+    return BundlePrior(free, mean, -(clocks - clocks[0]), sd, STATURE_M, _alike(data) if start.same_lenses else None)
+
+
+def _alike(data: _Data) -> Float64:
+    """Return the matrix (cameras, cameras) that takes from each value the mean of the cameras of its image size."""
+    same = np.array([[one == other for other in data.sizes_px] for one in data.sizes_px], dtype=np.float64)
+    return np.asarray(np.eye(len(same)) - same / same.sum(axis=1, keepdims=True))
 
 
 _CLOCK_SD_S: Final = 1.0

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
+from operator import is_
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, WALK, WALK_ACROSS, PairCalibration, PairEstimate
-from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.pair_memory import BodyTrack, SensorTracks
 from mocapella.calibration.sensor_graph import PlacedSensor
 from mocapella.calibration.shared_people import DOUBTED_FIELD, SURE_FIELD, missed_people
 
@@ -76,10 +77,40 @@ class PairOfSensors:
     contradicted: bool = False
 
     def __post_init__(self) -> None:
+        # What the lists of bodies were computed from, for `bodies_of_both` and `forget_bodies`; not part of the state.
+        self._listed_from: tuple[Any, ...] = ()
+        self._listed: list[tuple[int, int]] = []
+        self._kept_from: tuple[Any, ...] = ()
         # In a snapshot, an estimator that is also a hypothesis is there twice; both names stand for one again.
         for key, one in self.cold.hypotheses.items():
             if self.calibration is not None and one.is_copy_of(self.calibration):
                 self.cold.hypotheses[key] = self.calibration
+
+    def bodies_of_both(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack]) -> list[tuple[int, int]]:
+        """Return the pairs of tracking ids that refine the estimate, in turn: those matched, then those matched before.
+
+        There must be an estimate. The list is shared between calls, and must not be changed.
+
+        Args:
+            a, b: bodies of both sensors by tracking id; new objects whenever these change, as of `SensorTracks`.
+        """
+        assert self.calibration is not None
+        known = self.calibration.bodies
+        inputs = (self.matched, known, a, b, len(known))
+        if not _unchanged(inputs, self._listed_from):
+            self._listed_from = inputs
+            self._listed = [who for who in dict.fromkeys((*self.matched, *known)) if who[0] in a and who[1] in b]
+        return self._listed
+
+    def forget_bodies(self, a: Mapping[int, BodyTrack], b: Mapping[int, BodyTrack]) -> None:
+        """Drop the estimate's state of bodies that either sensor has no more; the arguments are of `bodies_of_both`."""
+        assert self.calibration is not None
+        known = self.calibration.bodies
+        if _unchanged((known, a, b, len(known)), self._kept_from):
+            return
+        self.calibration.forget_bodies(lambda who: who[0] in a and who[1] in b)
+        known = self.calibration.bodies
+        self._kept_from = (known, a, b, len(known))
 
     def compare(self, seen: tuple[SensorTracks, SensorTracks] | None, now: float, lasts_s: float) -> None:
         """Set `contradicted`: whether each sensor has missed a person of the other for longer than ``lasts_s``.
@@ -118,6 +149,11 @@ class PairOfSensors:
         problem = self.estimate.problem
         unsure = problem in (WALK, WALK_ACROSS)
         return not problem or (self.shown and unsure) or (self.told == BY_LAYOUT and problem != MIRRORED_STREAM)
+
+
+def _unchanged(inputs: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+    """Return whether two tuples have the same objects, and an equal number as their last item."""
+    return len(inputs) == len(before) and inputs[-1] == before[-1] and all(map(is_, inputs[:-1], before[:-1]))
 
 
 def covariance_of(pair: PairOfSensors) -> Float64:
