@@ -121,10 +121,13 @@ def test_where_labels_change_the_view_goes_on_where_the_person_stands(speed: flo
     assert np.isnan(view.offsets).all() == glides
     expected, seen = np.ones((5, 3)), np.full((5, 3), 1.2)
     seen[2] = np.nan
-    kernels.begin_offsets(view.offsets[0, 0], seen, expected)
+    apart, offsets = np.empty((2, 3, 5, 1))
+    variances, there = np.ones((5, 1)), np.empty((5, 1))
+    kernels.place_view(seen, expected, view.offsets, 0, 0, 0, apart, offsets, variances, there)
     known = np.array([0, 1, 3, 4])
-    np.testing.assert_allclose(view.offsets[0, 0, known], 0.2 if glides else 0.0)
-    np.testing.assert_array_equal(view.offsets[0, 0, 2], 0.0)
+    np.testing.assert_allclose(offsets[:, known], 0.2 if glides else 0.0)
+    np.testing.assert_array_equal(offsets[:, 2], 0.0)
+    np.testing.assert_array_equal(there[:, 0], [1, 1, 0, 1, 1])
 
 
 @given(st.booleans(), st.floats(-0.3, 0.3), st.floats(-0.5, 0.5))

@@ -15,7 +15,7 @@ from tracker.test_default import frames, told
 
 from mocapella.calibration import body_track_kernels, floor_kernels, graph_kernels, pair_kernels
 from mocapella.compiled import on_first_compilation
-from mocapella.kinematics import articulated_kernels, hand_kernels
+from mocapella.kinematics import articulated_kernels, hand_follow_kernels
 from mocapella.model.observations import Arrival
 from mocapella.registry import load
 from mocapella.schema import decode_frame, encode_frame
@@ -96,20 +96,20 @@ def test_once_it_is_ready_nothing_is_compiled_while_a_hand_is_tracked() -> None:
 
 def test_the_run_of_hands_solves_the_fingers_of_a_palm_with_three_markers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a session with three markers on the base would compile this kernel before its first hand."""
-    called: list[str] = []
-    kernel = hand_kernels.hand_closed_form
+    solved: list[bool] = []
+    kernel = hand_follow_kernels.direct_start
 
-    def noted(*arguments: Any) -> Any:
-        called.append("closed form")
-        return kernel(*arguments)
+    def noted(*arguments: Any) -> bool:
+        solved.append(bool(kernel(*arguments)))
+        return solved[-1]
 
-    monkeypatch.setattr(hand_kernels, "hand_closed_form", noted)
+    monkeypatch.setattr(hand_follow_kernels, "direct_start", noted)
     run = METHODS["hands"].warm_up_run
     assert run is not None
     tracker, arrivals = run()
     for arrival in arrivals:
         tracker.update(arrival)
-    assert called
+    assert any(solved)
 
 
 def test_once_it_is_ready_nothing_is_compiled_while_bodies_are_fitted() -> None:

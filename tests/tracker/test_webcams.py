@@ -290,6 +290,56 @@ def test_one_camera_is_waited_for() -> None:
     assert (state.phase, state.sensors_missing) == (Phase.WAITING_FOR_SENSORS, 1)
 
 
+def overloaded(arrivals: list[Arrival], seed: int) -> list[Arrival]:
+    """The arrivals of a busy machine: each camera stands still for 0.2 to 0.8 s now and then, and delivers a burst."""
+    random = np.random.default_rng(seed)
+    due: dict[str, tuple[float, float]] = {}
+    found = []
+    for order, one in enumerate(arrivals):
+        at_s, name = one.at_ns / 1e9, one.frame.sensor
+        begin, end = due.setdefault(name, (1.0 + random.uniform(0.5, 1.5), 0.0))
+        if end <= begin:
+            end = begin + random.uniform(0.2, 0.8)
+        elif at_s >= end:
+            begin = end + random.exponential(1.5)
+            end = begin + random.uniform(0.2, 0.8)
+        due[name] = begin, end
+        found.append((end if begin <= at_s < end else at_s, order, one))
+    return [one for *_, one in sorted(found, key=lambda item: item[:2])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_on_a_busy_machine_people_keep_their_numbers_and_the_state_stays(seed: int) -> None:
+    arrivals = overloaded(frames(FOUR, PAIR, seconds=8.0), seed)
+    tracker = WebcamsTracker(FOUR, sensors_expected=4)
+    scenes = run(tracker, arrivals)
+    assert tracker.report.rejected  # it is busy enough
+    assert numbers(scenes[60:], PAIR) == [{0}, {1}] or numbers(scenes[60:], PAIR) == [{1}, {0}]
+    assert {one.id for scene in scenes for one in scene.people} == {0, 1}
+    phases = [scene.state.phase for scene in scenes]
+    began = phases.index(Phase.TRACKING)
+    assert set(phases[began:]) == {Phase.TRACKING}
+
+
+def test_a_camera_that_stops_is_missing_after_the_stated_time_and_at_once_there_again() -> None:
+    arrivals = frames(TWO, PAIR, seconds=4.0)
+    stopped = [one for one in arrivals if one.frame.sensor == "cam-0" or not 2.0e9 < one.at_ns < 4.0e9]
+    for after_s, missing in ((1.0, True), (3.0, False)):
+        tracker = WebcamsTracker(TWO, WebcamsSettings(missing_after_s=after_s))
+        scenes = run(tracker, stopped)
+        waiting = [scene.at_ns / 1e9 for scene in scenes[8:] if scene.state.phase == Phase.WAITING_FOR_SENSORS]
+        assert bool(waiting) == missing
+        assert scenes[-1].state.phase == Phase.TRACKING
+        if waiting:
+            assert (min(waiting), max(waiting)) == (pytest.approx(3.0, abs=0.1), pytest.approx(4.0, abs=0.1))
+
+
+def test_a_camera_cannot_be_missing_before_it_is_silent() -> None:
+    with pytest.raises(SettingsError, match="missing_after_s"):
+        WebcamsSettings(silent_after_s=1.0, missing_after_s=0.5)
+
+
 @pytest.mark.slow
 def test_two_strangers_on_one_line_are_no_person() -> None:
     """Opposite cameras see somebody each: nobody is where their rays cross, as the two other cameras show."""
@@ -398,7 +448,8 @@ def test_a_new_calibration_begins_anew_and_gives_no_number_twice() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"confirm_instants": 0}, {"sure_cameras": 1}, {"unseen_s": 0.0}, {"one_camera_s": 0.0}, {"remember_s": -1.0},
+        {"confirm_instants": 0}, {"sure_cameras": 1}, {"unseen_s": 0.0}, {"hidden_s": 0.0},
+        {"one_camera_s": 0.0}, {"remember_s": -1.0},
         {"same_size": -1.0}, {"doubtful_instants": 0}, {"same_within_m": 2.0}, {"measured_sd_m": 0.0},
         {"measured_s": -1.0}, {"slow_error_s": 0.0}, {"late_s": 0.0}, {"silent_after_s": 0.0},
     ],

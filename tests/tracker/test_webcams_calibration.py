@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.keypoint_people import centre_of, filmed, ring, standing, walking
 
+from mocapella.calibration.people_rig import PlacedByPeople, RigFromPeople
 from mocapella.calibration.people_rig_live import WALK, LiveRigFromPeople, LiveRigSettings
 from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.errors import SettingsError
@@ -27,7 +28,13 @@ from mocapella.model.scene import Phase, Scene
 from mocapella.testing import check_tracker
 from mocapella.tracker import METHODS
 from mocapella.tracker.webcams import WebcamsTracker
-from mocapella.tracker.webcams_calibration import REMEMBERED, SelfCalibration, in_world_of, largest_step_m
+from mocapella.tracker.webcams_calibration import (
+    REMEMBERED,
+    SelfCalibration,
+    in_world_of,
+    largest_step_m,
+    why_not,
+)
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
 QUICK = LiveRigSettings(first_s=5.0, instants=24, step_s=0.0, steps=6)
@@ -195,3 +202,24 @@ def test_rigs_without_two_common_cameras_are_not_aligned() -> None:
 
 def changed(settings: WebcamsSettings, **changes: object) -> WebcamsSettings:
     return replace(settings, **changes)  # type: ignore[arg-type]
+
+
+def estimated(cameras: int, position_sd_mm: float, focal_sd_percent: float) -> RigFromPeople:
+    own = PlacedByPeople(1000, 3.0, position_sd_mm, 0.5, focal_sd_percent, 2.0, 0.0)
+    names = [f"cam{k + 1}" for k in range(cameras)]
+    return RigFromPeople(
+        ring(cameras), dict.fromkeys(names, own), "guessed", 0.07, guessed=True, floor_known=True, up_sd_deg=1.0,
+        people=2, instants=60, stature_m=1.7, extent_m=1.0, notes=[],
+    )  # fmt: skip
+
+
+def test_two_cameras_of_unknown_lenses_are_told_what_would_help() -> None:
+    assert why_not(estimated(2, 300.0, 10.0), WebcamsSettings()) == ""
+    reason = why_not(estimated(2, 600.0, 10.0), WebcamsSettings())
+    assert reason.startswith("the cameras are known to ± 600 mm and 0.5°, and 400 mm and 2° are needed")
+    assert "a third camera helps" in reason
+    assert "calibration.same_lenses=true" in reason
+    assert "third camera" not in why_not(estimated(2, 600.0, 0.0), WebcamsSettings())
+    assert "third camera" not in why_not(estimated(3, 600.0, 10.0), WebcamsSettings())
+    stated = WebcamsSettings(calibration=LiveRigSettings(same_lenses=True))
+    assert "same_lenses" not in why_not(estimated(2, 600.0, 10.0), stated)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import Matches, Rays
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.tracker.webcams import WebcamsTracker
-from mocapella.tracker.webcams_cameras_kernels import count_refuting
+from mocapella.tracker.webcams_cameras_kernels import MISSED_WEIGHT, WELL_KNOWN, count_refuting
 from mocapella.tracker.webcams_errors_kernels import LEAST_GAIN, follow_unpredicted, variance_ahead, widen
-from mocapella.tracker.webcams_memory import no_people
+from mocapella.tracker.webcams_memory import no_counts, no_people
 from mocapella.tracker.webcams_people_kernels import forget, refuting
 from mocapella.tracker.webcams_warmup import circle_of_cameras, seen_people, standing_person
 
@@ -88,7 +88,7 @@ def test_a_camera_before_which_a_person_is_hidden_neither_refutes_nor_confirms()
     people.positions[0] = joints
     seen = [one.frame for one in seen_people(rig, [joints], at_ns=0)]
     pixels = np.array([one.positions_px[0] for one in seen if isinstance(one, KeypointFrame)], dtype=np.float64)
-    both = np.ones(2, dtype=np.bool_)
+    both, counts = np.ones(2, dtype=np.bool_), no_counts(2)
 
     def after(first: int, count: int, person: int) -> list[float]:
         """What the cameras tell after an instant of ``count`` detections from camera ``first`` on."""
@@ -96,14 +96,20 @@ def test_a_camera_before_which_a_person_is_hidden_neither_refutes_nor_confirms()
         rays = Rays(np.arange(first, first + count), np.zeros(count), empty, np.ones((count, 26)), np.ones((count, 26)))
         owner = np.full(count, person)
         matches = Matches(owner, np.zeros(count, dtype=np.bool_), np.full(count, -1), np.full(count, np.nan))
-        count_refuting(people, 0, pixels[at].copy(), rays, cameras, matches, both)
+        assert count_refuting(people, 0, pixels[at].copy(), rays, cameras, matches, both, counts) == 2  # both look
         return [float(value) for value in people.refuted[0]]
 
     assert after(1, 1, -1)[0] == 1.0  # camera 0 sees nobody; before camera 1 somebody else stands
     assert np.isnan(people.refuted[0, 1])
-    assert refuting(people, 0) == 1.0
+    assert refuting(people, 0, counts.missed) == 1.0
     assert after(0, 2, -1)[0] == 1.0  # now before both
     assert after(0, 2, 0) == [pytest.approx(0.8), 0.0]
+    assert not counts.missed.any()  # the person is not well known
+    people.cameras[0], people.sure[0] = 2, WELL_KNOWN
+    after(1, 1, 0)
+    assert counts.missed.tolist() == [MISSED_WEIGHT, 0.0]
+    after(0, 2, 0)
+    assert 0.0 < counts.missed[0] < MISSED_WEIGHT
     forget(people, 0)
     assert np.isnan(people.refuted[0]).all()
-    assert refuting(people, 0) == 0.0
+    assert refuting(people, 0, counts.missed) == 0.0

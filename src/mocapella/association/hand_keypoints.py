@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from types import ModuleType
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.geometry.lens import project
 from mocapella.geometry.triangulation import Views, triangulate
 from mocapella.model.topology import topology
 from mocapella.settings import check
@@ -27,6 +27,8 @@ MOST_COST: Final = 9.0
 """Limit of one landmark's squared distance, and of the mean above which detections cannot match [squared sd]."""
 PALM_M: Final = (0.045, 0.14)
 """Least and greatest distance of the wrist from the middle finger's first joint [m]."""
+FEWEST: Final = 6
+"""Number of confident landmarks below which a detection is no hand."""
 _WRIST, _MIDDLE = 0, 9
 
 
@@ -50,6 +52,11 @@ class HandKeypointSettings:
             and may join a wrong one [m].
         confirm_instants: number of instants when two cameras must agree before a hand without a body is shown;
             larger: fewer phantoms, and hands are shown later [count].
+        marker_tips: names of the colour markers on the fingertips, from thumb to little finger, if cameras send
+            markers [names].
+        marker_left: whether the markers are on a left hand.
+        marker_sd_m: standard deviation of a marker's centre about the tip of its finger; larger: markers count less
+            beside keypoints [m].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -63,6 +70,9 @@ class HandKeypointSettings:
     least_landmarks: int = 10
     wrist_m: float = 0.15
     confirm_instants: int = 3
+    marker_tips: tuple[str, ...] = ("red", "yellow", "green", "blue", "magenta")
+    marker_left: bool = False
+    marker_sd_m: float = 0.003
 
     def __post_init__(self) -> None:
         check(0.001 <= self.hand_sd <= 1, "hand_sd", self.hand_sd, "from 0.001 to 1")
@@ -73,6 +83,9 @@ class HandKeypointSettings:
         check(1 <= self.least_landmarks <= LANDMARKS, "least_landmarks", self.least_landmarks, f"from 1 to {LANDMARKS}")
         check(0 < self.wrist_m <= 1, "wrist_m", self.wrist_m, "above 0 and at most 1 m")
         check(1 <= self.confirm_instants <= 1000, "confirm_instants", self.confirm_instants, "from 1 to 1000")
+        tips = self.marker_tips
+        check(len(tips) in {0, 5} and len(set(tips)) == len(tips), "marker_tips", tips, "five different names, or none")
+        check(0 < self.marker_sd_m <= 0.05, "marker_sd_m", self.marker_sd_m, "above 0 and at most 0.05 m")
 
 
 class SeenHand(NamedTuple):
@@ -119,7 +132,7 @@ def seen_hand(
     camera: int, after_s: float, pixels: NDArray[np.floating], confidences: NDArray[np.floating],
     settings: HandKeypointSettings, *, person: int = -1, left: bool | None = None,
 ) -> SeenHand | None:  # fmt: skip
-    """Return the hand of a detection; None if fewer than six of its landmarks are confident.
+    """Return the hand of a detection; None if fewer than `FEWEST` landmarks are confident.
 
     Args:
         camera, after_s, person, left: see `SeenHand`.
@@ -127,35 +140,29 @@ def seen_hand(
         settings: thresholds.
     """
     s = settings
-    sure = np.isfinite(pixels).all(axis=1) & (confidences >= max(s.least_confidence, 1e-3))
-    if sure.sum() < 6:
-        return None
-    px = np.where(sure[:, None], pixels, np.nan).astype(np.float64)
-    side = float(np.nanmax(np.nanmax(px, axis=0) - np.nanmin(px, axis=0)))
-    sds = max(s.hand_sd * side, s.least_sd_px) / np.sqrt(np.where(sure, confidences, np.nan))
-    return SeenHand(camera, after_s, px, sds.astype(np.float64), person, left)
+    px, sds = np.empty((LANDMARKS, 2)), np.empty(LANDMARKS)
+    count = kernels().sure_landmarks(
+        np.ascontiguousarray(pixels, dtype=np.float64), np.ascontiguousarray(confidences, dtype=np.float64),
+        float(s.hand_sd), float(s.least_sd_px), max(s.least_confidence, 1e-3), px, sds,
+    )  # fmt: skip
+    return SeenHand(camera, after_s, px, sds, person, left) if count >= FEWEST else None
 
 
-def mismatch(seen: SeenHand, landmarks: Float64, sds_m: float, T_camera_world: Float64, lens: Float64) -> float:
+def mismatch(seen: SeenHand, landmarks: Float64, velocities: Float64, sd_m: float, cameras: Views) -> float:
     """Return the mean squared distance of a detection from predicted landmarks [squared standard deviations].
 
     Args:
         seen: the detection.
-        landmarks: (21, 3) predicted, world [m].
-        sds_m: standard deviation of the prediction [m].
-        T_camera_world, lens: pose (4, 4) and lens (9,) of its camera.
+        landmarks, velocities: (21, 3) predicted for the instant, world [m, m/s].
+        sd_m: standard deviation of the prediction [m].
+        cameras: all cameras.
 
     Returns:
         The mean over its landmarks, each at most `MOST_COST`; `MOST_COST` if the camera cannot see the hand.
     """
-    at = landmarks @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
-    if not (at[:, 2] > 0.05).all():
-        return MOST_COST
-    away = ((project(at, lens) - seen.pixels) ** 2).sum(axis=1)
-    sds = seen.sds_px**2 + (sds_m * lens[0] / at[:, 2]) ** 2
-    costs = np.minimum(0.5 * away / sds, MOST_COST)
-    known = np.isfinite(costs)
-    return float(costs[known].mean()) if known.any() else MOST_COST
+    return float(kernels().mean_mismatch(
+        cameras.numbers, seen.camera, landmarks, velocities, seen.after_s, sd_m, seen.pixels, seen.sds_px, MOST_COST
+    ))  # fmt: skip
 
 
 def chosen_pairs(costs: Mapping[tuple[int, int], float], most: float) -> list[tuple[int, int]]:
@@ -210,12 +217,13 @@ def arranged(seen: Sequence[SeenHand], cameras: int) -> tuple[Float64, Float64]:
     """Return the pixels (21, cameras, 2) and standard deviations (21, cameras) of one hand's detections; NaN elsewhere.
 
     Args:
-        seen: at most one detection of a camera.
+        seen: detections; a later one of the same camera replaces the landmarks that both have.
         cameras: number of cameras.
     """
     pixels, sds = np.full((LANDMARKS, cameras, 2), np.nan), np.full((LANDMARKS, cameras), np.nan)
     for one in seen:
-        pixels[:, one.camera], sds[:, one.camera] = one.pixels, one.sds_px
+        known = np.isfinite(one.sds_px)
+        pixels[known, one.camera], sds[known, one.camera] = one.pixels[known], one.sds_px[known]
     return pixels, sds
 
 
@@ -233,3 +241,11 @@ def _disagreement(seen: Sequence[SeenHand], cameras: Views, least_landmarks: int
     known = np.isfinite(squared)
     # Two cameras measure four numbers of a point with three unknowns; the residuals are of one degree of freedom.
     return float(np.where(agree[:, None] & known, squared, np.where(known, MOST_COST, 0.0)).sum() / known.sum())
+
+
+@cache
+def kernels() -> ModuleType:
+    """Import the compiled kernels, and with them numba, on first use."""
+    from mocapella.association import hand_keypoint_kernels
+
+    return hand_keypoint_kernels

@@ -32,7 +32,7 @@ from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.tracker.arm_tracks import REMEMBERED as TRACKS_REMEMBERED
 from mocapella.tracker.arm_tracks import TO_SENSOR, ArmTracks, ArmTracksSettings
-from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.arrivals import camera_problem, time_problem
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
 
@@ -223,11 +223,10 @@ class ArmsTracker:
         self._state = self._stand()
 
     def _problem(self, frame: ArmFrame) -> str:
-        placed = None if self.camera_rig is None else self.camera_rig.cameras.get(frame.sensor)
-        if placed is not None and placed.camera.size_px != frame.size_px:
-            own, size = (f"{w} × {h}" for w, h in (frame.size_px, placed.camera.size_px))
-            return f"its images are {own}, the rig's {size}: calibrate with this size"
-        return time_problem(frame, self._newest.get(frame.sensor))
+        rig, problem = self.camera_rig, ""
+        if rig is not None and frame.sensor in rig.cameras:
+            problem = camera_problem(rig, frame.sensor, frame.size_px)
+        return problem or time_problem(frame, self._newest.get(frame.sensor))
 
     def _level(self, camera: str) -> Float64:
         """Return ``T_world_camera`` of the camera that defines the world."""

@@ -12,7 +12,9 @@ from typing import Any
 import msgspec
 
 from mocapella.conventions import NS_PER_S
+from mocapella.errors import one_of
 from mocapella.model.bodies import Bodies, tracked_bodies
+from mocapella.model.camera import CameraRig
 from mocapella.model.observations import Arrival, BodyFrame
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.skeleton import SKELETON, mapping_problem, to_skeleton
@@ -29,6 +31,23 @@ def time_problem(frame: SensorFrame, last: tuple[int, int] | None) -> str:
     if last is None or frame.node_id != last[0] or frame.time_ns > last[1]:
         return ""
     return "time goes backwards" if frame.time_ns < last[1] else "repeats the time of the frame before"
+
+
+def camera_problem(rig: CameraRig, sensor: str, size_px: tuple[int, int] | None = None) -> str:
+    """Return why a camera's frame does not belong to a rig, with the remedy; empty if it does.
+
+    Args:
+        rig: the rig.
+        sensor: name of the camera.
+        size_px: width and height of the frame's image [px]; None if they do not matter.
+    """
+    if sensor not in rig.cameras:
+        return f"the rig has no camera {sensor!r}; it has {one_of(sensor, rig.cameras)}"
+    size = rig.cameras[sensor].camera.size_px
+    if size_px is None or size_px == size:
+        return ""
+    own = f"{size_px[0]} × {size_px[1]}"
+    return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
 
 
 class Sighting(msgspec.Struct, frozen=True, eq=False):

@@ -43,7 +43,7 @@ from mocapella.model.space import SpaceAlignment
 from mocapella.model.topology import topology
 from mocapella.settings import check
 from mocapella.smoothing.one_euro import OneEuro, OneEuroSettings
-from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.arrivals import camera_problem, time_problem
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.objects import REMEMBERED, UNSAID_SD_PX, ObjectSettings, RigidObjects
 from mocapella.tracker.protocol import TrackerReport, scene_at
@@ -305,12 +305,8 @@ class HandsTracker:
         return ""
 
     def _markers_problem(self, frame: MarkerFrame) -> str:
-        if frame.sensor not in self.rig.cameras:
-            return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
-        size = self.rig.cameras[frame.sensor].camera.size_px
-        if frame.size_px != size:
-            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
-            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
+        if problem := camera_problem(self.rig, frame.sensor, frame.size_px):
+            return problem
         if frame.names and not set(frame.names) & set(self.settings.markers):
             return f"none of its markers is wanted: {one_of('', self.settings.markers)}"
         return ""

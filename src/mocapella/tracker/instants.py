@@ -2,7 +2,8 @@
 
 An instant spans at most one frame period of the fastest camera. It is complete when every camera whose next frame is
 due has delivered; else the next frame of a camera that is already in it, or one after the span, completes it. So a
-camera that stops or is late delays the others by at most one period, and its late frames join the next instant.
+camera that stops or is late delays the others by at most one period, and its late frames join the next instant. Late
+frames alone make no instant. Of several late frames of a camera, the newest counts.
 """
 
 from __future__ import annotations
@@ -75,9 +76,16 @@ class Instants:
 
     def active(self) -> list[str]:
         """Return the names of the cameras that are not silent, sorted."""
+        return self._heard_within(self._silent_after_ns)
+
+    def present(self, within_s: float) -> list[str]:
+        """Return the names of the cameras with a frame within a time before the newest frame [s], sorted."""
+        return self._heard_within(round(within_s * NS_PER_S))
+
+    def _heard_within(self, within_ns: int) -> list[str]:
         if not self._heard_ns:
             return []
-        since = max(self._heard_ns.values()) - self._silent_after_ns
+        since = max(self._heard_ns.values()) - within_ns
         return sorted(name for name, at_ns in self._heard_ns.items() if at_ns >= since)
 
     def update(self, frame: KeypointFrame, at_ns: int) -> list[CameraInstant]:
@@ -93,19 +101,24 @@ class Instants:
             known = self._period_ns.get(name, float(at_ns - last))
             self._period_ns[name] = known + FORGETS * (at_ns - last - known)
         self._heard_ns[name] = at_ns if last is None else max(at_ns, last)
-        active = self.active()
-        span = min((self._period_ns.get(one, FIRST_PERIOD_NS) for one in active), default=FIRST_PERIOD_NS)
-        if self._open and (name in self._open or at_ns - min(one.at_ns for one in self._open.values()) >= span):
+        periods = {one: self._period_ns.get(one, FIRST_PERIOD_NS) for one in self.active()}
+        span = min(periods.values())
+        fresh = self._fresh()
+        if name in fresh or (fresh and at_ns - min(fresh.values()) >= span):
             done.append(self._close())
         self._open[name] = InstantFrame(frame, at_ns)
-        until = max(one.at_ns for one in self._open.values()) + 0.5 * span
-        first = self._last_ns is None and len(self._open) < self._cameras
-        if not first and not any(one not in self._open and self._due_ns(one) <= until for one in active):
-            done.append(self._close())
-        return done
+        fresh = self._fresh()
+        if not fresh or (self._last_ns is None and len(self._open) < self._cameras):
+            return done
+        until = max(fresh.values()) + 0.5 * span
+        if any(one not in fresh and self._heard_ns[one] + period <= until for one, period in periods.items()):
+            return done  # the frame of a camera is due soon
+        return [*done, self._close()]
 
-    def _due_ns(self, name: str) -> float:
-        return self._heard_ns[name] + self._period_ns.get(name, FIRST_PERIOD_NS)
+    def _fresh(self) -> dict[str, int]:
+        """Return the capture times of the collected frames that are newer than the last instant, by camera [ns]."""
+        since = self._last_ns
+        return {name: one.at_ns for name, one in self._open.items() if since is None or one.at_ns > since}
 
     def _close(self) -> CameraInstant:
         at_ns = max(one.at_ns for one in self._open.values())

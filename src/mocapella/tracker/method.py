@@ -29,7 +29,7 @@ class Method:
         name: name of the method on the command line, in takes and in the view.
         summary: purpose of the method, in one line.
         settings: the frozen dataclass of its settings.
-        frame_types: classes of the frames that it accepts; others are rejected with the reason.
+        frame_types: classes of the frames that it accepts, the main one first; others are rejected with the reason.
         parts: names of the types of scene parts that it makes, the main one first.
         make: function that creates a tracker from its settings by name, the number of sensors to wait for, and the
             sensors' tilt and height by name.

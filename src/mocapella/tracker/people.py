@@ -293,8 +293,9 @@ class People:
             T: (4, 4) from the sensor's space to the space of the results.
         """
         m, column = self.memory, self.sensors.index(sensor)
+        own = results.views[column if len(results.views) > 1 else 0]
         views = zip(
-            m.view_id[:, column].tolist(), results.views[:, column], m.view_states[:, column].copy(),
+            m.view_id[:, column].tolist(), own, m.view_states[:, column].copy(),
             m.view_mirrored[:, column].tolist(), strict=True,
         )  # fmt: skip
         return [
@@ -419,8 +420,8 @@ class PeopleResults(msgspec.Struct, frozen=True, eq=False):
         positions: (people, joints, 3) smoothed positions [m]; NaN where not known.
         sd: (people, joints) float32, standard deviation of a coordinate [m]; NaN where not known.
         states: (people, joints) `JointState`.
-        views: (people, sensors, joints, 3) each sensor's view, with its own labels [m]; arbitrary where ``fresh`` is
-            False, or another sensor's were wanted.
+        views: (sensors, people, joints, 3) each sensor's view, with its own labels [m], or the wanted sensor's alone;
+            arbitrary where ``fresh`` is False.
         fresh: (people, sensors) whether the view is in use.
         noted: (people,) whether the person may have a condition, for `People.conditions`.
     """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mocapella.association.track_kernels import measure
 from mocapella.compiled import njit
 from mocapella.fusion.facing_kernels import view_worth
-from mocapella.fusion.view_kernels import follow_offsets, fuse
+from mocapella.fusion.view_kernels import ViewLanes, fuse_lanes
 from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics import articulated_kernels
 from mocapella.kinematics.articulated_kernels import move
@@ -43,12 +43,12 @@ _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
 __all__ = [
-    "begin_offsets", "bring", "make", "move", "move_points", "move_views", "observe", "pose_people", "prepare",
+    "bring", "make", "move", "move_points", "move_views", "observe", "pose_people", "prepare",
     "rigidity_of", "smooth_people", "turn",
 ]  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def move_points(T: Float64, points: Float64, out: Float64) -> None:
     """Transform points (n, 3) by T (4, 4), and write them to ``out`` (n, 3) [m]."""
     for j in range(len(points)):
@@ -57,7 +57,7 @@ def move_points(T: Float64, points: Float64, out: Float64) -> None:
             out[j, k] = T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def prepare(
     T: Float64, bodies: Float64, ends: Int64, middle: Int64, now_s: float, forget_after_s: float, points: PointArrays,
     world: Float64, middles: Float64, lengths: Float64, expected: Float64,
@@ -85,7 +85,7 @@ def prepare(
     expect(middle, now_s, points, forget_after_s, expected)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def observe(
     frame: FrameViews,
     now_s: float,
@@ -123,7 +123,7 @@ def observe(
     return level, toward, speeds, dts
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: float, out: Float64) -> None:
     """Predict the joints on the middle line of all people.
 
@@ -146,7 +146,7 @@ def expect(middle: Int64, now_s: float, points: PointArrays, forget_after_s: flo
                     out[r, m, k] = positions[r, j, k] + dt * velocities[r, j, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> None:
     """Predict the people's Kalman filters to a time, in place; filters that are later already do not change.
 
@@ -175,31 +175,7 @@ def bring(now_s: float, points: PointArrays, parameters: PeopleParameters) -> No
                         velocities[r, j, k] *= fading
 
 
-@njit(cache=True)
-def begin_offsets(offsets: Float64, view: Float64, expected: Float64) -> None:
-    """Initialise the offsets (joints, 3) that are NaN, in place, so that the corrected view begins at the prediction.
-
-    ``view`` and ``expected`` are the view's and the predicted joints (joints, 3) [m]; where one is unknown, the offset
-    becomes 0.
-    """
-    for j in range(len(offsets)):
-        if np.isnan(offsets[j, 0]):
-            x, y, z = view[j, 0] - expected[j, 0], view[j, 1] - expected[j, 1], view[j, 2] - expected[j, 2]
-            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
-                x, y, z = 0.0, 0.0, 0.0
-            offsets[j, 0], offsets[j, 1], offsets[j, 2] = x, y, z
-
-
-@njit(cache=True)
-def subtract_offsets(offsets: Float64, view: Float64, kept: Float64) -> None:
-    """Subtract offsets (joints, 3) from ``view`` (joints, 3), in place, and copy them to ``kept`` (joints, 3) [m]."""
-    for j in range(len(offsets)):
-        for k in range(3):
-            kept[j, k] = offsets[j, k]
-            view[j, k] -= offsets[j, k]
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def make(
     rows: Int64,
     columns: int,
@@ -227,63 +203,58 @@ def make(
         The fused positions of the persons in the frame (bodies, joints, 3) [m], and their variances (bodies, joints)
         [m²]; NaN and infinity for a joint that no view in use has, such as those of a frame that came too late.
     """
-    positions, variances = points.positions, points.variances
-    joints = len(layout.mirror)
+    positions, velocities, variances = points.positions, points.velocities, points.variances
+    seen_s, at_s, fused_s, states = points.seen_s, points.at_s, skeletons.fused_s, skeletons.states
+    yaw, kept = skeletons.yaw, views.offsets
+    joints, nu, offset_s = len(layout.mirror), fusion.degrees_of_freedom, fusion.offset_s
+    speed_variance = parameters.speed_variance
     measured, measured_variances = np.full((len(rows), joints, 3), np.nan), np.full((len(rows), joints), np.inf)
-    corrected = np.empty((columns, joints, 3))
-    worth = np.empty((columns, joints))
-    offsets = np.empty((columns, joints, 3))
     used = np.empty(columns, dtype=np.int64)
-    nu, offset_s = fusion.degrees_of_freedom, fusion.offset_s
+    lanes = ViewLanes(
+        np.empty((3, joints, columns)), np.empty((3, joints, columns)), np.empty((joints, columns)),
+        np.empty((joints, columns)), np.empty((joints, columns)),
+    )  # fmt: skip
     for i in range(len(rows)):
         r = rows[i]
         count = views_in_use(
-            r, now_s, parameters, fusion.age_speed_m_s, layout, up, skeletons.yaw[r], points.velocities[r], views,
-            used, corrected, worth, offsets,
+            r, now_s, parameters, fusion.age_speed_m_s, layout, up, yaw[r], positions[r], velocities[r], views, used,
+            lanes, states[r],
         )  # fmt: skip
         if count == 0:
             continue
+        step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - fused_s[r]) / offset_s)
+        fuse_lanes(lanes, count, positions[r], variances[r], nu, step, measured[i], measured_variances[i])
+        offsets = lanes.offsets
         for n in range(count):
-            begin_offsets(offsets[n], corrected[n], positions[r])
-        doubts = variances[r, :, 0]
-        fuse(corrected[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
-        step = 1.0 if offset_s == 0.0 else -np.expm1(-max(0.0, now_s - skeletons.fused_s[r]) / offset_s)
-        follow_offsets(offsets[:count], corrected[:count], measured[i], step)
-        for n in range(count):
-            subtract_offsets(offsets[n], corrected[n], views.offsets[r, used[n]])
-        fuse(corrected[:count], worth[:count], positions[r], doubts, nu, measured[i], measured_variances[i])
+            c = used[n]
+            for j in range(joints):
+                for k in range(3):
+                    kept[r, c, j, k] = offsets[k, j, n]
         # The other views were fused in earlier frames: scaling the variance by their number avoids counting them twice.
         correct(
-            positions[r], points.velocities[r], variances[r], points.seen_s[r], points.at_s[r], measured[i],
-            measured_variances[i], float(count), nu, parameters.speed_variance,
+            positions[r], velocities[r], variances[r], seen_s[r], at_s[r], measured[i], measured_variances[i],
+            float(count), nu, speed_variance,
         )  # fmt: skip
-        skeletons.fused_s[r] = now_s
-        for j in range(joints):
-            best = _NOT_TRACKED
-            for n in range(count):
-                m = layout.mirror[j] if views.mirrored[r, used[n]] else j
-                best = max(best, views.states[r, used[n], m])
-            skeletons.states[r, j] = best
-    infer(now_s, parameters.view_age_s, positions, skeletons.states, views.at_s)
+        fused_s[r] = now_s
+    infer(now_s, parameters.view_age_s, positions, states, views.at_s)
     steady, steady_variances = skeletons.steady, skeletons.doubts
     for r in range(len(positions)):
         for j in range(joints):
-            steady[r, j, 0], steady[r, j, 1], steady[r, j, 2] = (
-                positions[r, j, 0],
-                positions[r, j, 1],
-                positions[r, j, 2],
-            )
+            for k in range(3):
+                steady[r, j, k] = positions[r, j, k]
             steady_variances[r, j] = variances[r, j, 0]
     return measured, measured_variances
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def views_in_use(
     row: int, now_s: float, parameters: PeopleParameters, age_speed: float, layout: JointLayout, up: Float64,
-    yaw: float, velocities: Float64, views: ViewArrays,
-    used: Int64, corrected: Float64, variances: Float64, offsets: Float64,
+    yaw: float, expected: Float64, velocities: Float64, views: ViewArrays,
+    used: Int64, lanes: ViewLanes, best: UInt8,
 ) -> int:  # fmt: skip
     """Collect a person's views that are recent enough, with repaired labels and brought to ``now_s``.
+
+    Arrays are taken out of their tuples once: numba counts references each time.
 
     Args:
         row: row of the person.
@@ -293,39 +264,79 @@ def views_in_use(
         layout: joints with a special role.
         up: (3,) unit vector upwards, in the space of the people.
         yaw: facing of the person [rad]; NaN where not known.
-        velocities: (joints, 3) velocities of the person [m/s].
+        expected, velocities: (joints, 3) predicted joints of the person [m], and their velocities [m/s].
         views: the newest views.
-        used, corrected, variances, offsets: the first rows are written, one for each view in use: (sensors,) columns,
-            (sensors, joints, 3) positions [m], (sensors, joints) variances [m²], and (sensors, joints, 3) offsets [m].
+        used: (sensors,) the first are written: columns of the views in use.
+        lanes: written for these views. Offsets that are NaN begin anew: the view then begins at the prediction.
+        best: (joints,) written if there are such views: the best `JointState` of these.
 
     Returns:
         The number of views in use.
     """
-    count = 0
+    at_s, toward, reported, unlike, turns = views.at_s, views.toward, views.reported, views.unlike, views.turn
+    seen, bias, kept, doubts = views.positions, views.bias, views.offsets, views.variances
+    mirrored, states, mirror, line_of = views.mirrored, views.states, layout.mirror, layout.line_of
+    apart, offsets, own_variances, there = lanes.apart, lanes.offsets, lanes.variances, lanes.there
+    joints, root, view_age_s, count = len(mirror), layout.root, parameters.view_age_s, 0
+    body = np.empty((joints, 3))
     for c in range(len(used)):
-        age = now_s - views.at_s[row, c]
-        if age > parameters.view_age_s:
+        age = now_s - at_s[row, c]
+        if age > view_age_s:
             continue
         age = max(0.0, age)
         used[count] = c
         value = 1.0
         if np.isfinite(yaw):
-            worth = view_worth(yaw, views.toward[row, c], views.reported[row, c], views.unlike[row, c])
+            worth = view_worth(yaw, toward[row, c], reported[row, c], unlike[row, c])
             value = max(parameters.least_worth, worth)
-        for j in range(len(layout.mirror)):
-            m = layout.mirror[j] if views.mirrored[row, c] else j
+        grown, is_mirrored = (age_speed * age) ** 2, mirrored[row, c]
+        for j in range(joints):
+            m = mirror[j] if is_mirrored else j
             for k in range(3):
                 moved = age * velocities[j, k]
-                seen = views.positions[row, c, m, k] + (views.bias[row, c, m, k] if layout.line_of[j] < 0 else 0.0)
-                corrected[count, j, k] = seen + (moved if np.isfinite(moved) else 0.0)
-                offsets[count, j, k] = views.offsets[row, c, j, k]
-            variances[count, j] = (views.variances[row, c, m] + (age_speed * age) ** 2) / value
-        turn(corrected[count], layout.line_of, layout.root, up, views.turn[row, c])
+                own = seen[row, c, m, k] + (bias[row, c, m, k] if line_of[j] < 0 else 0.0)
+                body[j, k] = own + (moved if np.isfinite(moved) else 0.0)
+            state = states[row, c, m]
+            best[j] = state if count == 0 else max(best[j], state)
+            own_variances[j, count] = (doubts[row, c, m] + grown) / value
+        turn(body, line_of, root, up, turns[row, c])
+        place_view(body, expected, kept, row, c, count, apart, offsets, own_variances, there)
         count += 1
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def place_view(
+    body: Float64, expected: Float64, kept: Float64, row: int, c: int, n: int, apart: Float64, offsets: Float64,
+    variances: Float64, there: Float64,
+) -> None:  # fmt: skip
+    """Write a view into the arrays of `ViewLanes`.
+
+    Args:
+        body, expected: (joints, 3) joints of the view, and predicted ones [m]; NaN where unknown.
+        kept: (people, sensors, joints, 3) offsets of the views [m]; where NaN, the view begins at the prediction.
+        row, c: the view's row and column in ``kept``.
+        n: index of the view in the other arrays.
+        apart, offsets, variances, there: of `ViewLanes`; ``variances`` has the view's already.
+    """
+    for j in range(len(body)):
+        x, y, z = body[j, 0], body[j, 1], body[j, 2]
+        known = np.isfinite(expected[j, 0])
+        if known:
+            x, y, z = x - expected[j, 0], y - expected[j, 1], z - expected[j, 2]
+        is_seen = np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
+        u, v, w = kept[row, c, j, 0], kept[row, c, j, 1], kept[row, c, j, 2]
+        if np.isnan(u):
+            begins = known and is_seen
+            u, v, w = (x if begins else 0.0), (y if begins else 0.0), (z if begins else 0.0)
+        offsets[0, j, n], offsets[1, j, n], offsets[2, j, n] = u, v, w
+        is_seen = is_seen and np.isfinite(variances[j, n])
+        apart[0, j, n], apart[1, j, n] = (x if is_seen else 0.0), (y if is_seen else 0.0)
+        apart[2, j, n], there[j, n] = (z if is_seen else 0.0), (1.0 if is_seen else 0.0)
+        variances[j, n] = variances[j, n] if is_seen else 1.0
+
+
+@njit(cache=True, error_model="numpy")
 def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, view_at: Float64) -> None:
     """Mark predicted joints that no view has as inferred, and joints without a prediction as not tracked.
 
@@ -347,7 +358,7 @@ def infer(now_s: float, view_age_s: float, positions: Float64, states: UInt8, vi
                 states[r, j] = _INFERRED
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rigidity_of(rows: Int64, now_s: float, view_age_s: float, views: ViewArrays) -> Float64:
     """Return the largest noise and size, ``rigidity``, of the views of each person that are recent enough.
 
@@ -369,7 +380,7 @@ def rigidity_of(rows: Int64, now_s: float, view_age_s: float, views: ViewArrays)
     return largest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pose_people(
     rows: Int64,
     model: BodyArrays,
@@ -414,7 +425,7 @@ def pose_people(
                     steady[r, j, k] = positions[j, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def smooth_people(
     rows: Int64, euro_positions: Float64, euro_velocities: Float64, euro_seen_s: Float64, measured: Float64,
     at_s: float, min_cutoff_hz: float, beta_per_m: float, speed_cutoff_hz: float, forget_after_s: float,

@@ -39,7 +39,7 @@ from mocapella.tracker.people_view_kernels import turn_views
 _NOT_TRACKED, _INFERRED, _TRACKED = map(int, (JointState.NOT_TRACKED, JointState.INFERRED, JointState.TRACKED))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(
     frame: FrameViews,
     now_s: float,
@@ -72,8 +72,9 @@ def step(
     """
     rows, column = frame.rows, frame.column
     level, toward, velocities, dts = observe(frame, now_s, parameters, fusion, layout, R_level, points, views)
+    numbers, ids = views.id, frame.ids
     for b in range(len(rows)):
-        views.id[rows[b], column] = frame.ids[b]
+        numbers[rows[b], column] = ids[b]
     if facing is None:
         for b in range(len(rows)):
             views.mirrored[rows[b], column] = views.swapped[rows[b], column]
@@ -83,8 +84,9 @@ def step(
             facing.slots, facing.column, level, toward, frame.at_s, velocities, facing.zero, facing.memory,
             facing.model, facing.factors, out,
         )  # fmt: skip
+        exchanged, slots = facing.memory.mirrored, facing.slots
         for b in range(len(rows)):
-            mirrored[b] = facing.memory.mirrored[facing.slots[b], facing.column]
+            mirrored[b] = exchanged[slots[b], facing.column]
         results = FacingResults(level, out[0], out[1], mirrored, out[2], out[4], toward, velocities)
         turn_views(rows, column, dts, parameters, layout.lines, results, skeletons.yaw, views)
         note_unsure(rows, out[1], now_s, parameters.view_age_s, views, skeletons.unsure_s)
@@ -92,17 +94,18 @@ def step(
     measured, variances = make(
         rows, views.at_s.shape[1], now_s, parameters, fusion, layout, R_level[1], points, views, skeletons
     )
-    for r in range(len(skeletons.states)):
-        for j in range(len(layout.mirror)):
-            if skeletons.states[r, j] == _TRACKED:
-                skeletons.measured_s[r, j] = now_s
+    states, measured_s = skeletons.states, skeletons.measured_s
+    for r in range(len(states)):
+        for j in range(states.shape[1]):
+            if states[r, j] == _TRACKED:
+                measured_s[r, j] = now_s
     if model is not None:
         rigidity = rigidity_of(rows, now_s, parameters.view_age_s, views)
         pose_people(rows, model, body, measured, variances, now_s, rigidity, skeletons.steady, skeletons.doubts)
     return measured
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def note_unsure(rows: Rows, sd: Float64, now_s: float, view_age_s: float, views: ViewArrays, unsure_s: Float64) -> None:
     """Note since when the sensors have disagreed about left and right while the facing does not decide it.
 
@@ -114,17 +117,18 @@ def note_unsure(rows: Rows, sd: Float64, now_s: float, view_age_s: float, views:
         views: the newest views.
         unsure_s: (people,) the time, updated [s]; infinite if they do not disagree.
     """
+    at_s, mirrored = views.at_s, views.mirrored
     for b in range(len(rows)):
         r, exchanged, straight = rows[b], False, False
-        for c in range(views.at_s.shape[1]):
-            if now_s - views.at_s[r, c] <= view_age_s:
-                exchanged = exchanged or views.mirrored[r, c]
-                straight = straight or not views.mirrored[r, c]
+        for c in range(at_s.shape[1]):
+            if now_s - at_s[r, c] <= view_age_s:
+                exchanged = exchanged or mirrored[r, c]
+                straight = straight or not mirrored[r, c]
         unsure = exchanged and straight and sd[b] > UNSURE_SD
         unsure_s[r] = min(unsure_s[r], now_s) if unsure else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def report(
     T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64,
     body: Float64, slack: tuple[int, int], column: int,
@@ -146,27 +150,30 @@ def report(
 
     Returns:
         (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], both NaN for
-        a joint that is not tracked, (people, joints) `JointState`, (people, sensors, joints, 3) each wanted view [m],
-        (people, sensors) whether the view is in use, and (people,) whether the person may have a condition; new arrays.
+        a joint that is not tracked, (people, joints) `JointState`, (wanted sensors, people, joints, 3) each wanted view
+        [m], (people, sensors) whether the view is in use, and (people,) whether the person may have a condition; new
+        arrays.
     """
     people, sensors, joints = view_positions.shape[:3]
     positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
-    views, fresh = np.empty((people, sensors, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
+    first, last = (column, column + 1) if column >= 0 else (0, sensors)
+    views, fresh = np.empty((last - first, people, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
     states, noted = skeletons.states.copy(), np.zeros(people, dtype=np.bool_)
+    steady, doubts, measured_s = skeletons.steady, skeletons.doubts, skeletons.measured_s
     for r in range(people):
         noted[r] = skeletons.fused_s[r] - skeletons.unsure_s[r] > UNSURE_S
         for i in range(slack[0], slack[1]):
             noted[r] = noted[r] or body[r, i] > LEAST_REPORTED  # False for NaN
-        move_points(T, skeletons.steady[r], positions[r])
+        move_points(T, steady[r], positions[r])
         for j in range(joints):
-            sd[r, j] = np.sqrt(skeletons.doubts[r, j])
+            sd[r, j] = np.sqrt(doubts[r, j])
             if states[r, j] == _NOT_TRACKED:  # the body model extrapolates them without an end
                 positions[r, j], sd[r, j] = np.nan, np.nan
             elif states[r, j] == _INFERRED:
-                drift_m = min(GUESS_SD_M_S * (now_s - skeletons.measured_s[r, j]), MOST_GUESS_SD_M)
+                drift_m = min(GUESS_SD_M_S * (now_s - measured_s[r, j]), MOST_GUESS_SD_M)
                 sd[r, j] = max(sd[r, j], np.float32(drift_m))
         for c in range(sensors):
             fresh[r, c] = now_s - view_at[r, c] <= view_age_s
-            if fresh[r, c] and (column < 0 or column == c):
-                move_points(T, view_positions[r, c], views[r, c])
+            if fresh[r, c] and first <= c < last:
+                move_points(T, view_positions[r, c], views[c - first, r])
     return positions, sd, states, views, fresh, noted

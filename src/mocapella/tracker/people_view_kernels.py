@@ -32,7 +32,7 @@ WALKS_COS = 0.87
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def learn_noise(
     before: Float64, dt: float, seen: Float64, states: UInt8, velocities: Float64, memory_s: float, noise: Float64
 ) -> None:
@@ -60,7 +60,7 @@ def learn_noise(
             noise[j] += part * (square / 6.0 - noise[j])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def distance_of(joints: Float64) -> float:
     """Return the distance from the origin to the mean of the visible joints (joints, 3) [m]."""
     x, y, z, count = 0.0, 0.0, 0.0, 0
@@ -72,7 +72,7 @@ def distance_of(joints: Float64) -> float:
     return distance
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def see(
     frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, velocities: Float64, views: ViewArrays
 ) -> None:
@@ -84,30 +84,32 @@ def see(
         velocities: (people, joints, 3) velocities of the people [m/s].
         views: updated.
     """
-    seen, seen_states, column = frame.positions, frame.states, frame.column
+    rows, seen, seen_states, seen_bias, own = frame.rows, frame.positions, frame.states, frame.bias, frame.own_positions
+    column, clipped = frame.column, frame.clipped
     positions, states, variances, noise = views.positions, views.states, views.variances, views.noise
-    for b in range(len(frame.rows)):
-        r = frame.rows[b]
-        dt = frame.at_s - views.at_s[r, column]
+    at_s, rigidity, bias = views.at_s, views.rigidity, views.bias
+    for b in range(len(rows)):
+        r = rows[b]
+        dt = frame.at_s - at_s[r, column]
         if 0.0 < dt < _LONGEST_STEP_S:
             learn_noise(
                 positions[r, column], dt, seen[b], seen_states[b], velocities[r], parameters.noise_memory_s,
                 noise[r, column],
             )  # fmt: skip
-        views.rigidity[r, column, 0], views.rigidity[r, column, 1] = frame.noise, frame.scale_sd
-        views.at_s[r, column] = frame.at_s
+        rigidity[r, column, 0], rigidity[r, column, 1] = frame.noise, frame.scale_sd
+        at_s[r, column] = frame.at_s
         for j in range(seen.shape[1]):
             states[r, column, j] = seen_states[b, j]
             for k in range(3):
                 positions[r, column, j, k] = seen[b, j, k]
-                views.bias[r, column, j, k] = frame.bias[b, j, k]
-        sd = sd_at(fusion.sd_m, distance_of(frame.own_positions[b]), frame.clipped[b], fusion.clipped_factor)
+                bias[r, column, j, k] = seen_bias[b, j, k]
+        sd = sd_at(fusion.sd_m, distance_of(own[b]), clipped[b], fusion.clipped_factor)
         joint_variances(seen_states[b], sd, fusion.inferred_factor, 0.0, variances[r, column])
         for j in range(noise.shape[2]):
             variances[r, column, j] += parameters.noise_gain * noise[r, column, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> float:
     """Return how much nearer a view is to another one if its left and right are swapped, as a mean over joints [m].
 
@@ -135,7 +137,7 @@ def advantage(view: Float64, other: Float64, mirror: Int64, crossed: bool) -> fl
     return total / count if count >= 2 else np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow_labels(
     rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, mirror: Int64, views: ViewArrays
 ) -> None:
@@ -149,14 +151,14 @@ def follow_labels(
         mirror: (joints,) index of each joint's counterpart on the other side of the body.
         views: ``swapped`` and ``advantage`` are updated.
     """
-    at_s, swapped, advantages = views.at_s, views.swapped, views.advantage
+    at_s, swapped, advantages, positions = views.at_s, views.swapped, views.advantage, views.positions
     for b in range(len(rows)):
         r = rows[b]
         total, count = 0.0, 0
         for c in range(at_s.shape[1]):
             if c == column or at_s[r, column] - at_s[r, c] > parameters.view_age_s:
                 continue
-            more = advantage(views.positions[r, column], views.positions[r, c], mirror, swapped[r, c])
+            more = advantage(positions[r, column], positions[r, c], mirror, swapped[r, c])
             if np.isfinite(more):
                 total += more
                 count += 1
@@ -169,7 +171,7 @@ def follow_labels(
             advantages[r, column] = -advantages[r, column]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def to_level(
     R: Float64, positions: Float64, sensor_position: Float64, root: int, head: int, rows: Int64, velocities: Float64
 ) -> tuple[Float64, Float64, Float64]:
@@ -213,7 +215,7 @@ def to_level(
     return level, toward, speeds
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn_views(
     rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, lines: Int64, facing: FacingResults,
     yaw: Float64, views: ViewArrays,
@@ -236,31 +238,32 @@ def turn_views(
         views: updated.
     """
     sure_sd, turn_s = parameters.sure_sd, parameters.turn_s
+    mirrored, turns, offsets = views.mirrored, views.turn, views.offsets
     for b in range(len(rows)):
         r = rows[b]
         sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd)) * (1.0 - facing.unlike[b])
-        changed = facing.mirrored[b] != views.mirrored[r, column]
+        changed = facing.mirrored[b] != mirrored[r, column]
         if changed and facing.sd[b] <= sure_sd:
-            views.mirrored[r, column] = facing.mirrored[b]
-        changed = changed and views.mirrored[r, column] == facing.mirrored[b]
+            mirrored[r, column] = facing.mirrored[b]
+        changed = changed and mirrored[r, column] == facing.mirrored[b]
         v = facing.velocities[b]
         if changed and np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) < parameters.still_m_s:
-            views.offsets[r, column] = np.nan
-        own_yaw = facing.reported[b] + (np.pi if facing.mirrored[b] != views.mirrored[r, column] else 0.0)
+            offsets[r, column] = np.nan
+        own_yaw = facing.reported[b] + (np.pi if facing.mirrored[b] != mirrored[r, column] else 0.0)
         for n in range(len(lines)):
             of_line = reported_yaw(facing.bodies[b], lines[n : n + 1])
-            of_line = of_line + (np.pi if views.mirrored[r, column] else 0.0) if np.isfinite(of_line) else own_yaw
+            of_line = of_line + (np.pi if mirrored[r, column] else 0.0) if np.isfinite(of_line) else own_yaw
             off = sure * wrap(facing.yaw[b] - of_line)
             if not np.isfinite(off):
                 off = 0.0
-            before = off if changed else views.turn[r, column, n]
-            views.turn[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
+            before = off if changed else turns[r, column, n]
+            turns[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
         yaw[r] = facing.yaw[b]
         views.toward[r, column], views.reported[r, column] = facing.toward[b], own_yaw
         views.unlike[r, column] = facing.unlike[b]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64) -> None:
     """Rotate the joints of shoulders and hips about the vertical through the root, in place (Rodrigues' formula).
 
@@ -273,10 +276,11 @@ def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64)
     """
     if not np.isfinite(body[root, 0]):
         return
+    s0, v0, s1, v1 = np.sin(angles[0]), 1.0 - np.cos(angles[0]), np.sin(angles[1]), 1.0 - np.cos(angles[1])
     for j in range(len(line_of)):
         if line_of[j] < 0 or angles[line_of[j]] == 0.0:
             continue
-        sine, versine = np.sin(angles[line_of[j]]), 1.0 - np.cos(angles[line_of[j]])
+        sine, versine = (s0, v0) if line_of[j] == 0 else (s1, v1)
         x, y, z = body[j, 0] - body[root, 0], body[j, 1] - body[root, 1], body[j, 2] - body[root, 2]
         along = up[0] * x + up[1] * y + up[2] * z
         a, b, c = up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x
@@ -285,7 +289,7 @@ def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64)
         body[j, 2] += sine * c + versine * (along * up[2] - z)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
     """Move one sensor's views after its extrinsics changed; their offsets take up the change and fade, without a jump.
 

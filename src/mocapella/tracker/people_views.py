@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
 
 from mocapella.model.scene import PotentialSkeleton
 from mocapella.tracker.people import People
@@ -10,6 +13,7 @@ from mocapella.tracker.people_memory import Bools
 
 Views = dict[int, dict[str, PotentialSkeleton]]
 """By person's number, and sensor."""
+_NONE: Final[dict[str, PotentialSkeleton]] = {}
 
 
 def followed(
@@ -24,17 +28,19 @@ def followed(
         people: the people.
         fresh: (people, sensors) whether a view is recent enough.
     """
-    columns = [(sensor, people.sensors.index(sensor), newest.get(sensor)) for sensor in shown]
-    everywhere = len(columns) == fresh.shape[1]
-    views = Views()
-    for row, (number, is_fresh) in enumerate(zip(people.numbers, fresh.tolist(), strict=True)):
-        known = before.get(number, {})
-        count = is_fresh.count(True) if everywhere else sum(is_fresh[column] for _, column, _ in columns)
-        if len(known) == count and newest.keys() <= known.keys():  # as usual: the same sensors see the person
-            now = views[number] = dict(known)
+    index = {sensor: column for column, sensor in enumerate(people.sensors)}
+    columns = [(sensor, index[sensor], newest.get(sensor)) for sensor in shown]
+    counts = np.count_nonzero(fresh if len(columns) == fresh.shape[1] else fresh[:, [i for _, i, _ in columns]], axis=1)
+    rows = zip(people.numbers, counts.tolist(), strict=True)
+    views, names = Views(), newest.keys()
+    for row, (number, count) in enumerate(rows):
+        known = before.get(number, _NONE)
+        if len(known) == count and names <= known.keys():  # as usual: the same sensors see the person
+            now = views[number] = known.copy()
             for sensor, new in newest.items():
                 now[sensor] = new[row]
             continue
+        is_fresh = fresh[row].tolist()
         views[number] = {
             sensor: known[sensor] if new is None else new[row]
             for sensor, column, new in columns

@@ -17,6 +17,7 @@ from mocapella.model.scene import Scene, SensorPlace, TrackerState
 from mocapella.model.topology import Topology
 from mocapella.model.topology import topology as named_topology
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 
@@ -131,6 +132,17 @@ class TellsNotes(Protocol):
 
     def drain_notes(self) -> list[TrackerNote]:
         """Return the events since the last call, the oldest first, and forget them."""
+
+
+@runtime_checkable
+class ExpectsPeople(Protocol):
+    """A tracker that knows where people will be in the images of its sensors."""
+
+    def expected_regions(self, sensor: str) -> Float32:
+        """Return the boxes (people, 4) where people are expected in a sensor's next image [px].
+
+        Each row has left, top, right and bottom. Empty for a sensor that is not known.
+        """
 
 
 @runtime_checkable

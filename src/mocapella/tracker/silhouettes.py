@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import InputError, one_of
+from mocapella.errors import InputError
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.silhouette_fit import eye
 from mocapella.model.camera import CameraRig
@@ -31,7 +31,7 @@ from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase, Scene, SensorPlace, TrackedBody, TrackedBodyView, TrackerState
 from mocapella.sensing.images import decode_image
 from mocapella.settings import check
-from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.arrivals import camera_problem, time_problem
 from mocapella.tracker.bodies_fitter import BodiesFitter
 from mocapella.tracker.body_fitter import REMEMBERED as FITTER_REMEMBERED
 from mocapella.tracker.body_presence import REMEMBERED as PRESENCE_REMEMBERED
@@ -233,7 +233,7 @@ class SilhouettesTracker:
 
     def _add_keypoints(self, arrival: Arrival, frame: KeypointFrame) -> str:
         """Keep a camera's keypoints for the image of their time; return why they cannot be used, empty if they can."""
-        if problem := self._unknown(frame.sensor):
+        if problem := camera_problem(self.rig, frame.sensor):
             return problem
         size = self.rig.cameras[frame.sensor].camera.size_px
         if frame.size_px != size:
@@ -245,18 +245,9 @@ class SilhouettesTracker:
         self._keypoints.add(frame.sensor, seen)
         return ""
 
-    def _unknown(self, sensor: str) -> str:
-        """Return that the rig has no such camera; empty if it has."""
-        cameras = self.rig.cameras
-        return "" if sensor in cameras else f"the rig has no camera {sensor!r}; it has {one_of(sensor, cameras)}"
-
     def _problem(self, frame: ImageFrame) -> str:
-        if problem := self._unknown(frame.sensor):
+        if problem := camera_problem(self.rig, frame.sensor, frame.size_px if frame.format else None):
             return problem
-        size = self.rig.cameras[frame.sensor].camera.size_px
-        if frame.format and frame.size_px != size:
-            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
-            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
         if frame.empty_room:
             return TOO_LATE if self._newest else ""
         return time_problem(frame, self._newest.get(frame.sensor))

@@ -16,7 +16,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import cache
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, partial
+from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
@@ -25,34 +28,39 @@ from numpy.typing import NDArray
 from mocapella.association.hand_keypoints import hand_sources
 from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_named
 from mocapella.conventions import NS_PER_S
-from mocapella.errors import SettingsError, WireError, one_of
+from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.lens import farthest_r2
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.articulated_model import memory_size
-from mocapella.kinematics.ray_body import ray_model
+from mocapella.kinematics.ray_body import RAY_SETTINGS, ray_model
 from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.markers import MarkerFrame
 from mocapella.model.memory import pack, recalls, set_memory, unpack
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Person, Phase, Scene, SensorPlace, TrackedHand, TrackerState
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.topology import topology
 from mocapella.settings import check
-from mocapella.tracker.arrivals import time_problem
+from mocapella.tracker.arrivals import camera_problem, time_problem
+from mocapella.tracker.expected_regions import expected_regions
 from mocapella.tracker.instants import MEMORY as INSTANTS_MEMORY
 from mocapella.tracker.instants import MOST_DETECTIONS, CameraInstant, InstantFrame, Instants, most_confident
 from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
 from mocapella.tracker.webcams_calibration import ANEW, SelfCalibration
 from mocapella.tracker.webcams_calibration import REMEMBERED as CALIBRATION_REMEMBERED
-from mocapella.tracker.webcams_conditions import disagreeing, place_of, problems, trouble
+from mocapella.tracker.webcams_conditions import count_strangers, disagreeing, place_of, problems, trouble
 from mocapella.tracker.webcams_hands import KINDS as HAND_KINDS
 from mocapella.tracker.webcams_hands import WebcamsHands
 from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
 from mocapella.tracker.webcams_identity import Identities, LostPerson, ready
+from mocapella.tracker.webcams_markers import MEMORY as MARKERS_MEMORY
+from mocapella.tracker.webcams_markers import HandMarkers
 from mocapella.tracker.webcams_memory import CANDIDATE, no_counts, no_people
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
+Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -60,6 +68,8 @@ APART_M: Final = 0.05
 """Two cameras nearer than this see no distance [m]."""
 ALONE_S: Final = 0.25
 """Time without agreement of two cameras after which a person's condition tells so [s]."""
+LOOK_EVERY: Final = 2
+"""Number of instants from one search for strangers, in the next camera's image, to the next."""
 
 
 class WebcamsTracker:
@@ -83,16 +93,18 @@ class WebcamsTracker:
     ) -> None:
         self.settings = s = settings or WebcamsSettings()
         self._wanted = sensors_expected
-        model = ray_model()
+        kept_s = max(RAY_SETTINGS.forget_after_s, s.hidden_s + 0.1, s.unseen_s + 0.1)
+        model = ray_model(replace(RAY_SETTINGS, forget_after_s=kept_s))
         self._model, self._row = model.arrays, memory_size(model)
         self._kernels = _kernels()
         self._gates = s.association.gates
         self._limits = self._kernels.PeopleLimits(
             float(s.one_camera_s), float(s.unseen_s), int(s.doubtful_instants), float(s.same_within_m),
-            float(s.measured_sd_m), float(s.measured_s), float(s.slow_error_s),
+            float(s.measured_sd_m), float(s.measured_s), float(s.slow_error_s), float(s.hidden_s),
         )  # fmt: skip
         self._identities = Identities(s)
         self._hands = WebcamsHands(s)
+        self._markers = HandMarkers(s.hands)
         self._own = SelfCalibration(s, max(self._wanted, 2)) if rig is None else None
         self._names: list[str] = []
         if rig is not None:
@@ -165,6 +177,7 @@ class WebcamsTracker:
         self._instants.reset()
         self._identities.reset()
         self._hands.reset()
+        self._markers.reset()
         self._newest: dict[str, tuple[int, int]] = {}
         self._rejected: Counter[str] = Counter()
         self._steps = 0
@@ -175,7 +188,7 @@ class WebcamsTracker:
         self._people = no_people(self._row, len(self._names))
         self._counts = no_counts(len(self._names))
         self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
-        self._partial = False
+        self._partial, self._looks = False, 0
         self._scene_of: tuple[int, tuple[Person, ...], tuple[TrackedHand, ...], tuple[SensorPlace, ...]] | None = None
 
     def recalibrate(self, reason: str) -> None:
@@ -199,6 +212,7 @@ class WebcamsTracker:
         people, counts = self._people._asdict(), self._counts._asdict()
         calibration = None if self._own is None else [self._own.memory(), self.rig]
         parts = [self._instants.memory(), self._identities.memory(), self._hands.memory(), calibration]
+        parts.append(self._markers.memory())
         return pack([own, people, counts, *parts], _REMEMBERED)
 
     @recalls
@@ -208,7 +222,7 @@ class WebcamsTracker:
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
-        own, people, counts, instants, identities, hands, calibration = unpack(data, _REMEMBERED)
+        own, people, counts, instants, identities, hands, calibration, markers = unpack(data, _REMEMBERED)
         if (calibration is None) != (self._own is None):
             raise WireError("the snapshot and this tracker differ in whether a rig is given")
         if self._own is not None:
@@ -224,6 +238,7 @@ class WebcamsTracker:
         set_memory(self._instants, instants, INSTANTS_MEMORY)
         set_memory(self._identities, identities, IDENTITY_MEMORY)
         self._hands.recall(hands)
+        set_memory(self._markers, markers, MARKERS_MEMORY)
 
     @property
     def report(self) -> TrackerReport:
@@ -241,6 +256,9 @@ class WebcamsTracker:
         frame = arrival.frame
         if problem := self._problem(frame, arrival.at_ns):
             self._rejected[problem] += 1
+        elif isinstance(frame, MarkerFrame):
+            self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
+            self._markers.add(frame, arrival.at_ns)
         elif isinstance(frame, KeypointFrame):  # others are for the take only
             self._newest[frame.sensor] = (frame.node_id, frame.time_ns)
             self._calibrate(frame, arrival.at_ns)
@@ -261,6 +279,13 @@ class WebcamsTracker:
         halpe = topology("halpe_26")
         return scene_at(arrival, step, self._state, {"people": people, "hands": hands}, topology=halpe, sensors=sensors)
 
+    def expected_regions(self, sensor: str) -> Float32:
+        """Return the boxes (people, 4) of the last scene's people in a camera's image; see `ExpectsPeople`."""
+        placed = self.rig.cameras.get(sensor)
+        if self._scene_of is None or placed is None:
+            return np.empty((0, 4), np.float32)
+        return expected_regions(self._scene_of[1], placed)
+
     def _calibrate(self, frame: KeypointFrame, at_ns: int) -> None:
         """Give a frame to the cameras' own calibration, if there is no given rig."""
         if self._own is None or sources_named(frame.topology.name) is None:
@@ -273,9 +298,13 @@ class WebcamsTracker:
 
     def _problem(self, frame: SensorFrame, at_ns: int) -> str:
         """Return why a frame is rejected, with a remedy; empty if it is used."""
-        if not isinstance(frame, KeypointFrame):
+        if isinstance(frame, MarkerFrame):
+            problem = self._markers.problem(frame, self.rig)
+        elif isinstance(frame, KeypointFrame):
+            problem = self._foreign(frame)
+        else:
             return not_taken(frame, "webcams")
-        if problem := self._foreign(frame):
+        if problem:
             return problem
         if problem := time_problem(frame, self._newest.get(frame.sensor)):
             return problem
@@ -287,15 +316,9 @@ class WebcamsTracker:
 
     def _foreign(self, frame: KeypointFrame) -> str:
         """Return why a frame does not belong to the rig, or has keypoints that are not known; empty if it does."""
-        if frame.sensor not in self.rig.cameras:
-            if self._own is not None:
-                return _unmapped(frame)
-            return f"the rig has no camera {frame.sensor!r}; it has {one_of(frame.sensor, self.rig.cameras)}"
-        size = self.rig.cameras[frame.sensor].camera.size_px
-        if frame.size_px != size:
-            own = f"{frame.size_px[0]} × {frame.size_px[1]}"
-            return f"its images are {own}, the rig's {size[0]} × {size[1]}: calibrate with this size"
-        return _unmapped(frame)
+        if frame.sensor not in self.rig.cameras and self._own is not None:  # not calibrated yet
+            return _unmapped(frame)
+        return camera_problem(self.rig, frame.sensor, frame.size_px) or _unmapped(frame)
 
     def _track(self, instant: CameraInstant) -> None:
         """Track one instant, and give new people their numbers."""
@@ -318,49 +341,63 @@ class WebcamsTracker:
                 self._identities.lose(people, row)
             kernels.forget(people, row)
         if (people.ids == CANDIDATE).any():
-            for row in ready(people, s, agreed, self._cameras.origins):
+            returns = partial(self._identities.returns, people, at_s=at_s)
+            for row in ready(people, s, agreed, self._cameras.origins, missed=self._counts.missed, known=returns):
                 self._identities.confirm(people, row, at_s, agreed, kernels.forget)
-        self._hands.update(instant, matches, people)
+        self._look_for_strangers(pixels, rays, delivered)
+        self._hands.update(instant, matches, people, self._markers.take(instant.at_ns, self._column))
         self._at_s, self._partial = at_s, len(instant.frames) < len(self._instants.active())
         if math.isnan(self._began_s):
             self._began_s = at_s
         if (people.ids >= 0).any():
             self._shown_s = at_s
 
+    def _look_for_strangers(self, pixels: Float64, rays: Rays, delivered: Bools) -> None:
+        """Compare the detections of one camera, in turn, with the people; in every second instant, to save time."""
+        turn, self._looks = self._looks, self._looks + 1
+        c, rows = turn // LOOK_EVERY % len(self._names), np.flatnonzero(self._people.ids >= 0)
+        if turn % LOOK_EVERY or not delivered[c] or not len(rows):
+            return
+        mine = rays.camera == c
+        keypoints = np.where(rays.confidences[mine, :, None] > 0.0, pixels[mine], np.nan)
+        if len(keypoints):
+            placed = self.rig.cameras[self._names[c]]
+            count_strangers(self._counts, c, keypoints, self._people.positions[rows], placed)
+
     def _rays(self, instant: CameraInstant) -> tuple[Float64, Rays, Bools]:
         """Return the keypoints of all detections of an instant, their cameras and times, and who delivered."""
-        known = {name: sources_named(one.frame.topology.name) for name, one in instant.frames.items()}
-        bodies = {name: one for name, one in instant.frames.items() if known[name] is not None}
-        count = sum(min(len(one.frame.ids), MOST_DETECTIONS) for one in bodies.values())
-        pixels = np.full((count, JOINTS, 2), np.nan)
+        frames = [one for one in instant.frames.values() if sources_named(one.frame.topology.name) is not None]
+        delivered, first = np.zeros(len(self._names), dtype=np.bool_), 0
+        counts = [min(len(one.frame.ids), MOST_DETECTIONS) for one in frames]
+        columns = [self._column[one.frame.sensor] for one in frames]
+        after_s = [
+            (one.at_ns - instant.at_ns) / NS_PER_S - self._clocks_s[column]
+            for one, column in zip(frames, columns, strict=True)
+        ]
+        delivered[columns] = True
+        count = sum(counts)
+        pixels, confidences = _of_joints(frames, self.settings.association.least_confidence)
         rays = Rays(
-            np.zeros(count, dtype=np.int64), np.zeros(count), np.full((count, JOINTS, 3), np.nan),
-            np.full((count, JOINTS), np.nan), np.zeros((count, JOINTS)),
+            np.repeat(np.array(columns, dtype=np.int64), counts), np.repeat(np.array(after_s), counts),
+            np.full((count, JOINTS, 3), np.nan), np.full((count, JOINTS), np.nan), confidences,
         )  # fmt: skip
-        delivered = np.zeros(len(self._names), dtype=np.bool_)
-        least, first = self.settings.association.least_confidence, 0
-        for name, one in bodies.items():
-            frame, column = one.frame, self._column[name]
-            delivered[column] = True
-            chosen = most_confident(frame)
-            last = first + len(chosen)
-            sources: Any = known[name]
-            sure = np.where(sources >= 0, frame.confidences[chosen][:, sources], 0.0)
-            rays.confidences[first:last] = np.where(sure >= least, sure, 0.0)
-            pixels[first:last] = frame.positions_px[chosen][:, sources]
-            rays.camera[first:last] = column
-            rays.after_s[first:last] = (one.at_ns - instant.at_ns) / NS_PER_S - self._clocks_s[column]
-            readout_s = self.rig.cameras[name].camera.readout_s
+        for one, own in zip(frames, counts, strict=True):
+            readout_s, last = self.rig.cameras[one.frame.sensor].camera.readout_s, first + own
             if readout_s > 0.0:
-                rows = _middle_row(pixels[first:last], rays.confidences[first:last])
-                rays.after_s[first:last] += rows / frame.size_px[1] * readout_s
+                rows = _middle_row(pixels[first:last], confidences[first:last])
+                rays.after_s[first:last] += rows / one.frame.size_px[1] * readout_s
             first = last
         return pixels, rays, delivered
 
     def _new_state(self) -> TrackerState:
         if self._own is not None and not self._names:
             return self._own.state(self._sensors_expected, self._state.reason)
-        missing = self._sensors_expected - len(self._instants.active())
+        tracking, newest = self._state.phase == Phase.TRACKING, self._instants.newest_ns
+        after_s = self.settings.missing_after_s if tracking else self.settings.silent_after_s
+        present = set(self._instants.present(after_s))
+        if newest is not None:
+            present |= self._markers.sending(newest, after_s)
+        missing = self._sensors_expected - len(present)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
         since_s = self._began_s if math.isnan(self._shown_s) else self._shown_s
@@ -389,6 +426,35 @@ class WebcamsTracker:
             Person(number, positions[k], states[k], (), sds[k], "", _condition(views[k]) if alone[k] else "")
             for k, number in enumerate(numbers)
         )
+
+
+def _of_joints(frames: Sequence[InstantFrame], least: float) -> tuple[Float64, Float64]:
+    """Return the pixels (detections, 26, 2) and confidences (detections, 26) of the joints of all detections.
+
+    A joint without a keypoint, or with a confidence below ``least``, has the confidence 0. Frames of one topology that
+    follow each other are mapped to the joints together.
+    """
+    pixels, confidences = [np.empty((0, JOINTS, 2))], [np.empty((0, JOINTS))]
+    for name, some in groupby((one.frame for one in frames), key=_topology_name):
+        used = [_detections(frame) for frame in some]
+        sources: Any = sources_named(name)
+        places, found = (np.concatenate(parts) for parts in zip(*used, strict=True))
+        sure = np.where(sources >= 0, found.take(sources, axis=1), 0.0)
+        confidences.append(np.where(sure >= least, sure, 0.0))
+        pixels.append(places.take(sources, axis=1))
+    return np.concatenate(pixels), np.concatenate(confidences)
+
+
+def _detections(frame: KeypointFrame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return positions [px] and confidences of the detections that are used."""
+    if len(frame.ids) <= MOST_DETECTIONS:
+        return frame.positions_px, frame.confidences
+    chosen = most_confident(frame)
+    return frame.positions_px[chosen], frame.confidences[chosen]
+
+
+def _topology_name(frame: KeypointFrame) -> str:
+    return frame.topology.name
 
 
 def _unmapped(frame: KeypointFrame) -> str:
@@ -437,7 +503,7 @@ def _kernels() -> Any:
     return webcams_kernels
 
 
-_OWN_MEMORY: Final = ("_newest", "_rejected", "_steps", "_began_s", "_shown_s", "_at_s", "_partial", "_state")
+_OWN_MEMORY: Final = ("_newest", "_rejected", "_steps", "_began_s", "_shown_s", "_at_s", "_partial", "_state", "_looks")
 _REMEMBERED: Final = (
-    KeypointFrame, InstantFrame, LostPerson, TrackerState, Phase, *HAND_KINDS, *CALIBRATION_REMEMBERED,
+    KeypointFrame, MarkerFrame, InstantFrame, LostPerson, TrackerState, Phase, *HAND_KINDS, *CALIBRATION_REMEMBERED,
 )  # fmt: skip

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import JOINTS, MIRROR, CameraArrays, KeypointGates, Matches, Rays
 from mocapella.compiled import njit
 from mocapella.kinematics.ray_body_kernels import correct_by_rays, predict_body
+from mocapella.model.topology import topology
 from mocapella.tracker.webcams_cameras_kernels import AGREES, count_agreement, mark_agreed
 from mocapella.tracker.webcams_errors_kernels import widen
 from mocapella.tracker.webcams_memory import NO_PERSON, CameraCounts, PeopleArrays
 from mocapella.tracker.webcams_people_kernels import PeopleLimits, judge
+from mocapella.tracker.webcams_rig_kernels import compare_cameras
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -26,6 +28,21 @@ Bools = NDArray[np.bool_]
 
 TURN_WEIGHT = 0.15
 """Weight of an instant in the running mean of swapped detections."""
+LEAST_HEIGHT_SD_M = 0.03
+"""Least standard deviation of the height of a joint that one camera sees [m]."""
+LEAST_FALL = 0.05
+"""Least sine of a ray's angle to the horizon at which the height of its joint tells the distance."""
+HELD_SD_M = 0.1
+"""Standard deviation of the body's distance in an instant before the correction by heights [m]."""
+MOST_HELD_M = 0.1
+"""Largest correction of the distance in an instant [m]."""
+DISTANCE_SD = 0.04
+"""Standard deviation of the distance of a person whom one camera sees [ratio]."""
+STEADY = np.array([
+    name in ("LAnkle", "RAnkle", "Hip", "LHip", "RHip", "Neck", "LShoulder", "RShoulder")
+    for name in topology("halpe_26").joints
+])  # fmt: skip
+"""(26,) joints whose heights change little while a person walks."""
 MOST_TURNED = 0.6
 """Share of swapped detections above which the person is swapped."""
 
@@ -119,6 +136,56 @@ def turn(people: PeopleArrays, p: int, matches: Matches) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def hold_distance(
+    model: Any, people: PeopleArrays, p: int, origin: Float64, joints: Int64, directions: Float64, sds_rad: Float64
+) -> None:
+    """Correct the distance of a person whom one camera sees by the heights that the joints had.
+
+    A ray that is not level meets the height of its joint at one distance. The body moves along the line from the camera
+    to its root, towards the mean of these distances; less where heights vary, such as of a person who sits down. The
+    covariance grows by the uncertainty of a distance from sizes and heights (`DISTANCE_SD`).
+
+    Args:
+        model, people: see the module; the body is corrected.
+        p: row of the person.
+        origin: (3,) centre of the camera, world [m].
+        joints: (n,) the joint of each ray.
+        directions: (≥ n, 3) unit directions of the rays.
+        sds_rad: (≥ n,) their standard deviations [rad].
+    """
+    weight, total, count, root = 0.0, 0.0, 0.0, model.layout.angles
+    for i in range(len(joints)):
+        j, fall, s = joints[i], directions[i, 1], 0.0
+        if not STEADY[j] or math.isnan(people.heights[p, j]) or abs(fall) < LEAST_FALL:
+            continue
+        for k in range(3):
+            s += directions[i, k] * (people.positions[p, j, k] - origin[k])
+        variance = people.height_variances[p, j] + LEAST_HEIGHT_SD_M**2 + (sds_rad[i] * s) ** 2
+        away = (people.heights[p, j] - origin[1]) / fall
+        if away > 0.0:
+            weight += fall * fall / variance
+            total += fall * fall / variance * (away - s)
+            count += 1.0
+    if count > 0.0:
+        # The heights of one posture are wrong together: the mean is as uncertain as one of them.
+        step = total / weight * HELD_SD_M**2 / (HELD_SD_M**2 + count / weight)
+        step = min(max(step, -MOST_HELD_M), MOST_HELD_M)
+        far = 0.0
+        for k in range(3):
+            far += (people.rows[p, root + k] - origin[k]) ** 2
+        for k in range(3):
+            moved = step * (people.rows[p, root + k] - origin[k]) / math.sqrt(far)
+            people.rows[p, root + k] += moved
+            for j in range(JOINTS):
+                people.positions[p, j, k] += moved
+    for j in range(JOINTS):
+        for k in range(3):
+            for m in range(3):
+                offset = (people.positions[p, j, k] - origin[k]) * (people.positions[p, j, m] - origin[m])
+                people.covariances[p, j, k, m] += DISTANCE_SD * DISTANCE_SD * offset
+
+
+@njit(cache=True, error_model="numpy")
 def correct(
     model: Any, people: PeopleArrays, at_s: float, rays: Rays, cameras: CameraArrays, gates: KeypointGates,
     limits: PeopleLimits, matches: Matches, counts: CameraCounts, agreed: Bools,
@@ -169,6 +236,10 @@ def correct(
                     joints[:n], origins[:n], directions[:n], sds[:n], weights[:n], correlation, people.positions[p],
                     people.support[p], people.covariances[p],
                 )  # fmt: skip
+                if views >= 2:
+                    compare_cameras(people, p, n, joints, camera, directions, sds, after_s, cameras, counts)
+                elif views == 1 and people.hits[p] > 0:
+                    hold_distance(model, people, p, cameras.origins[camera[0]], joints[:n], directions, sds)
         mark_agreed(camera, weights, n, gates.least_joints, agreed[p])
         judge(people, p, at_s, views, gates)
         if views >= 3 and people.doubts[p] == 0:

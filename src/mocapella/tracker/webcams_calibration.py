@@ -152,10 +152,14 @@ def why_not(found: RigFromPeople, settings: WebcamsSettings) -> str:
     position_m, rotation_deg = _worst(found)
     if position_m <= settings.start_position_m and rotation_deg <= settings.start_rotation_deg:
         return ""
-    return (
+    reason = (
         f"the cameras are known to ± {1e3 * position_m:.0f} mm and {rotation_deg:.1f}°, and "
         f"{1e3 * settings.start_position_m:.0f} mm and {settings.start_rotation_deg:g}° are needed"
     )
+    unknown = any(one.focal_sd_percent > 0 for one in found.cameras.values())
+    if len(found.cameras) > 2 or not unknown or settings.calibration.same_lenses:
+        return reason
+    return f"{reason}; a third camera helps, or calibration.same_lenses=true if both cameras are of one model"
 
 
 def _worst(found: RigFromPeople) -> tuple[float, float]:

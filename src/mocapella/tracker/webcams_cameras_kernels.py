@@ -24,6 +24,10 @@ AGREES = 0.3
 """Least robust weight of a ray that agrees with its body."""
 REFUTED_WEIGHT = 0.2
 """Weight of an instant in the running means of whether a camera sees no person."""
+MISSED_WEIGHT = 0.01
+"""Weight of a person and instant in the running mean of whether a camera misses people."""
+WELL_KNOWN = 10
+"""Number of instants when three cameras agreed about a person who shows which cameras miss people."""
 HIDDEN_SHARE = 0.3
 """Share of a person's joints within another detection above which that may hide the person."""
 LEAST_SEEN_PX = 24.0
@@ -98,8 +102,8 @@ def count_unmatched(
 @njit(cache=True, error_model="numpy")
 def count_refuting(
     people: PeopleArrays, p: int, pixels: Float64, rays: Rays, cameras: CameraArrays, matches: Matches,
-    delivered: Bools,
-) -> None:  # fmt: skip
+    delivered: Bools, counts: CameraCounts,
+) -> int:  # fmt: skip
     """Follow which cameras look at a person and see no person there, although no other detection hides the person.
 
     Args:
@@ -107,12 +111,17 @@ def count_refuting(
         p: row of the person.
         pixels: (detections, 26, 2) keypoints [px].
         delivered: (cameras,) whether the camera has an image in this instant.
+        counts: updated.
+
+    Returns:
+        The number of cameras in whose images the person would be, whether they delivered or not.
     """
-    image = np.empty((JOINTS, 2))
+    image, looking = np.empty((JOINTS, 2)), 0
     for c in range(len(delivered)):
+        looks, mine, hidden = inside(people.positions[p], cameras, c, image), False, False
+        looking += looks
         if not delivered[c]:
             continue
-        looks, mine, hidden = inside(people.positions[p], cameras, c, image), False, False
         top, bottom = math.inf, -math.inf
         for j in range(JOINTS):
             if image[j, 1] == image[j, 1]:
@@ -127,6 +136,9 @@ def count_refuting(
             refuted = 1.0 if looks and not mine else 0.0
             before = people.refuted[p, c] if people.refuted[p, c] >= 0.0 else refuted
             people.refuted[p, c] = before + REFUTED_WEIGHT * (refuted - before)
+            if looks and people.sure[p] >= WELL_KNOWN and people.cameras[p] >= 2 and people.doubts[p] == 0:
+                counts.missed[c] += MISSED_WEIGHT * (refuted - counts.missed[c])
+    return looking
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,10 +9,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.image_agreement import CONTRARY, image_agreement
 from mocapella.geometry.rigid import inverse
 from mocapella.model.camera import PlacedCamera
 from mocapella.model.scene import SensorPlace
 from mocapella.tracker.webcams_memory import CameraCounts
+
+Float64 = NDArray[np.float64]
 
 PATIENCE_S: Final = 5.0
 """Time without a person before the reason is reported [s]."""
@@ -24,6 +27,12 @@ LEAST_AGREED: Final = 0.25
 """Share of a camera's keypoints that agree with the others, below which the camera is reported."""
 LEAST_JUDGED: Final = 60.0
 """Number of comparisons before a camera is reported."""
+LEAST_MET: Final = 20.0
+"""Number of people met before a camera is reported that sees strangers in their stead."""
+MOST_MET: Final = 400.0
+"""Number of people met at which the counts are halved, so that a camera that is put right is forgiven."""
+MUCH_MORE: Final = 3.0
+"""Ratio of a camera's share of strangers to the median of the others' above which it is reported."""
 
 _TO_SENSOR: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 """From a sensor's space (x left, y up) to a camera's (x right, y down)."""
@@ -44,6 +53,37 @@ def disagreeing(counts: CameraCounts) -> NDArray[np.bool_]:
     return np.asarray((counts.judged >= LEAST_JUDGED) & (counts.agreed < LEAST_AGREED))
 
 
+def count_strangers(counts: CameraCounts, c: int, keypoints: Float64, joints: Float64, placed: PlacedCamera) -> None:
+    """Count whether a camera sees people at their places, or strangers in their stead.
+
+    Args:
+        counts: updated.
+        c: index of the camera.
+        keypoints: (detections, 26, 2) the confident keypoints in its image; NaN for others [px].
+        joints: (people, 26, 3) of the people, world [m].
+        placed: the camera.
+    """
+    found = image_agreement(keypoints, joints, placed)
+    counts.met[c] += len(found.pairs) + found.contrary
+    counts.contrary[c] += found.contrary
+    if counts.met[c] > MOST_MET:
+        counts.met[c] *= 0.5
+        counts.contrary[c] *= 0.5
+
+
+def elsewhere(counts: CameraCounts) -> NDArray[np.bool_]:
+    """Return which cameras (cameras,) see strangers where the others see people, as in another room.
+
+    Of two cameras nothing tells which is wrong. Of more, a camera must do so much more often than the others: where all
+    do, the calibration is poor.
+    """
+    share = np.where(counts.met >= LEAST_MET, counts.contrary / np.maximum(counts.met, 1.0), 0.0)
+    if len(share) == 2:
+        return np.full(2, bool((share > CONTRARY).any()))
+    others = np.array([np.median(np.delete(share, c)) for c in range(len(share))])
+    return np.asarray((share > CONTRARY) & (share > MUCH_MORE * others))
+
+
 def problems(
     places: tuple[SensorPlace, ...], counts: CameraCounts, remedy: str = "calibrate again"
 ) -> tuple[SensorPlace, ...]:
@@ -54,10 +94,13 @@ def problems(
         counts: what the cameras saw, in the same order.
         remedy: what to do about a camera that does not agree.
     """
-    bad = disagreeing(counts)
+    bad = disagreeing(counts) | elsewhere(counts)
     if not bad.any():
         return places
-    text = f"its keypoints do not agree with the other cameras: it was moved, or is wrongly calibrated; {remedy}"
+    text = (
+        f"its keypoints do not agree with the other cameras: it was moved, sees another room, or is wrongly "
+        f"calibrated; {remedy}"
+    )
     return tuple(
         msgspec.structs.replace(place, problem=text) if wrong else place
         for place, wrong in zip(places, bad.tolist(), strict=True)

@@ -27,6 +27,7 @@ from mocapella.association.hand_keypoints import (
     arranged,
     chosen_pairs,
     hand_sources,
+    kernels,
     mismatch,
     new_hands,
     seen_hand,
@@ -34,7 +35,6 @@ from mocapella.association.hand_keypoints import (
 from mocapella.association.keypoint_rays import Matches, sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import WireError
-from mocapella.geometry.lens import project, undistort
 from mocapella.geometry.triangulation import PointState, Views, triangulate, views
 from mocapella.kinematics.keypoint_hand import KINDS as HAND_KINDS
 from mocapella.kinematics.keypoint_hand import KeypointHand
@@ -44,6 +44,7 @@ from mocapella.model.observations import JointState
 from mocapella.model.scene import TrackedHand
 from mocapella.model.topology import topology
 from mocapella.tracker.instants import CameraInstant, most_confident
+from mocapella.tracker.webcams_markers import nearest, of_tips
 from mocapella.tracker.webcams_memory import PeopleArrays
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
@@ -124,9 +125,8 @@ class WebcamsHands:
         """Use the cameras of a rig, before the first update; the hands stay."""
         names = sorted(rig.cameras)
         self._column = {name: i for i, name in enumerate(names)}
-        self._lenses = np.array([rig.cameras[name].camera.lens for name in names])
-        self._poses = np.array([rig.cameras[name].T_camera_world for name in names])
-        self._views: Views = views(self._lenses, self._poses)
+        placed = [rig.cameras[name] for name in names]
+        self._views: Views = views([one.camera.lens for one in placed], [one.T_camera_world for one in placed])
 
     def reset(self) -> None:
         """Forget everything, as if newly made."""
@@ -170,7 +170,9 @@ class WebcamsHands:
             hands.append(OneHand(fits=fits, **{name: values[name] for name in _MEMORY}))
         self._hands, self._numbers, self._at_s = hands, int(memory["numbers"]), float(memory["at_s"])
 
-    def update(self, instant: CameraInstant, matches: Matches, people: PeopleArrays) -> None:
+    def update(
+        self, instant: CameraInstant, matches: Matches, people: PeopleArrays, markers: Sequence[SeenHand] = ()
+    ) -> None:
         """Process the hands in the detections of an instant.
 
         Args:
@@ -178,6 +180,7 @@ class WebcamsHands:
             matches: the people of the instant's bodies; detections in the order of the frames, at most
                 `mocapella.tracker.instants.MOST_DETECTIONS` of each.
             people: the people at the instant.
+            markers: the colour markers on fingertips near the instant.
         """
         seen = self._seen(instant, matches)
         self._at_s = instant.at_ns / NS_PER_S
@@ -198,6 +201,7 @@ class WebcamsHands:
             if one.person >= 0 and key in owned:
                 found.setdefault(i, []).extend(owned.pop(key))
         used = {id(one) for group in found.values() for one in group}
+        self._add_markers(markers, predicted, found)
         for i, group in found.items():
             self._fit(self._hands[i], group)
         for i, one in enumerate(self._hands):
@@ -254,13 +258,13 @@ class WebcamsHands:
 
     def _wrist_distances(self, one: SeenHand, wrists: Float64) -> Float64:
         """Return the distances (wrists,) of a seen hand's wrist from a person's, over the allowed; inf if unknown."""
-        at = wrists @ self._poses[one.camera, :3, :3].T + self._poses[one.camera, :3, 3]
-        lens = self._lenses[one.camera]
-        px = project(at, lens)
         own = one.pixels[WRIST] if np.isfinite(one.pixels[WRIST]).all() else np.nanmean(one.pixels, axis=0)
-        allowed = self.settings.wrist_m * lens[0] / np.maximum(at[:, 2], 0.1)
-        away = np.linalg.norm(px - own, axis=1) / allowed
-        return np.asarray(np.where(np.isfinite(away) & (at[:, 2] > 0.1), away, np.inf))
+        away = np.empty(len(wrists))
+        kernels().point_distances(
+            self._views.numbers, one.camera, np.ascontiguousarray(wrists), float(own[0]), float(own[1]),
+            float(self.settings.wrist_m), away,
+        )  # fmt: skip
+        return away
 
     def _predicted(self, one: OneHand) -> Float64 | None:
         return one.fits[one.side].predicted(self._at_s)
@@ -270,18 +274,31 @@ class WebcamsHands:
         found: dict[int, list[SeenHand]] = {}
         for camera in sorted({one.camera for one in rest}):
             costs = {
-                (i, k): mismatch(
-                    one, landmarks + one.after_s * self._hands[i].velocities, _PREDICTED_SD_M, self._poses[camera],
-                    self._lenses[camera],
-                )
+                (i, k): mismatch(one, landmarks, self._hands[i].velocities, _PREDICTED_SD_M, self._views)
                 for i, landmarks in predicted.items()
                 if landmarks is not None
                 for k, one in enumerate(rest)
                 if one.camera == camera
-            }  # fmt: skip
+            }
             for i, k in chosen_pairs(costs, self.settings.most_cost):
                 found.setdefault(i, []).append(rest[k])
         return found
+
+    def _add_markers(
+        self, markers: Sequence[SeenHand], predicted: Mapping[int, Float64 | None], found: dict[int, list[SeenHand]]
+    ) -> None:
+        """Add the markers of each camera to the nearest hand of their side, in ``found``."""
+        for one in markers:
+            side: Handedness = "left" if one.left else "right"
+            hands = [(i, x) for i, x in predicted.items() if x is not None and side in self._hands[i].fits]
+            near = [of_tips(one, x, self._views, self.settings.marker_sd_m) for _, x in hands]
+            costs = [
+                mismatch(tips, x, self._hands[i].velocities, _PREDICTED_SD_M, self._views)
+                for tips, (i, x) in zip(near, hands, strict=True)
+            ]
+            best = nearest(costs, self.settings.most_cost)
+            if best >= 0:
+                found.setdefault(hands[best][0], []).append(near[best])
 
     def _join(self) -> None:
         """Give hands without a body to the person whose free wrist is nearest."""
@@ -357,11 +374,7 @@ class WebcamsHands:
         if landmarks is not None:
             for one in seen:
                 if one.after_s != 0.0:
-                    T, lens = self._poses[one.camera], self._lenses[one.camera]
-                    now = project(landmarks @ T[:3, :3].T + T[:3, 3], lens)
-                    then = project((landmarks + one.after_s * velocities) @ T[:3, :3].T + T[:3, 3], lens)
-                    moved = now - then
-                    pixels[:, one.camera] += np.where(np.isfinite(moved), moved, 0.0)
+                    kernels().move_pixels(self._views.numbers, one.camera, landmarks, velocities, one.after_s, pixels)
         found = triangulate(pixels, self._views, sds)
         return found.points, found.covariances, np.where(found.states == PointState.SEEN, found.used.sum(axis=1), 0)
 
@@ -374,7 +387,7 @@ class WebcamsHands:
         if predicted is not None:
             self._add_rays(seen, points, covariances, predicted, _DEPTH_SD_M)
         elif np.isfinite(points[WRIST]).all():
-            near = np.broadcast_to(points[WRIST], (LANDMARKS, 3))
+            near = np.repeat(points[WRIST][None], LANDMARKS, axis=0)
             self._add_rays(seen, points, covariances, near, _NEW_DEPTH_SD_M)
         measured = support >= 2
         hands = {side: fit.update(points, covariances, measured, self._at_s) for side, fit in one.fits.items()}
@@ -404,21 +417,9 @@ class WebcamsHands:
     ) -> None:
         """Add landmarks that are not triangulated: on a camera's ray, nearest to ``near`` (21, 3); in place."""
         for one in seen:
-            T, lens = self._poses[one.camera], self._lenses[one.camera]
-            R, centre = T[:3, :3].T, -T[:3, :3].T @ T[:3, 3]
-            missing = np.isnan(points[:, 0]) & np.isfinite(one.pixels).all(axis=1) & np.isfinite(near).all(axis=1)
-            if not missing.any():
-                continue
-            flat = undistort(one.pixels[missing], lens)
-            rays = np.column_stack([flat, np.ones(len(flat))]) @ R.T
-            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            depths = ((near[missing] - centre) * rays).sum(axis=1)
-            ahead = depths > 0.05
-            rays, depths, where = rays[ahead], depths[ahead], np.flatnonzero(missing)[ahead]
-            across = one.sds_px[where] / lens[0] * depths
-            along = rays[:, :, None] * rays[:, None, :]
-            points[where] = centre + depths[:, None] * rays
-            covariances[where] = (across**2)[:, None, None] * (np.eye(3) - along) + depth_sd_m**2 * along
+            kernels().add_rays(
+                self._views.numbers, one.camera, one.pixels, one.sds_px, near, depth_sd_m, points, covariances
+            )
 
     def _weigh(self, one: OneHand, hands: Mapping[Handedness, Hand], covariances: Float64, measured: Any) -> None:
         """Add an instant's evidence for the side of a hand; keep the better fit alone when it is sure."""

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.tracker.webcams_memory import CANDIDATE, PeopleArrays
+from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
 Float64 = NDArray[np.float64]
@@ -30,6 +30,8 @@ SOON_S: Final = 3.0
 
 LEAST_SINE: Final = 0.6
 """Sine of the angle at which rays cross well."""
+LATER_SINE: Final = 0.25
+"""Sine of the angle at which rays cross well enough for a candidate that two cameras see walk."""
 LEAST_JOINTS: Final = 6
 """Number of joints about which a third camera must agree to confirm a candidate."""
 MOST_REFUTED: Final = 0.6
@@ -114,6 +116,10 @@ class Identities:
             people.ids[row] = self._next
             self._next += 1
 
+    def returns(self, people: PeopleArrays, row: int, at_s: float) -> bool:
+        """Return whether a candidate is a lost person, see `confirm`."""
+        return self._returned(people, row, at_s) is not None
+
     def _replaced(self, people: PeopleArrays, row: int, at_s: float, agreed: Bools) -> int:
         """Return the row of the person hardly seen any more that the candidate is; −1 for none."""
         best, found = math.inf, -1
@@ -136,7 +142,7 @@ class Identities:
             away_s = at_s - one.at_s
             away = float(np.linalg.norm(place - one.place))
             difference = _difference(people.lengths[row], one.lengths)
-            if away > NEAR_M + FAST_M_S * away_s:
+            if away_s > self._settings.remember_s or away > NEAR_M + FAST_M_S * away_s:
                 continue
             near = away_s <= SOON_S and away <= NEAR_M + SPEED_M_S * away_s
             if near and difference <= 4.0 * self._settings.same_size:
@@ -155,25 +161,34 @@ MEMORY: Final = ("_next", "_lost")
 """Attributes of `Identities` that are its state."""
 
 
-def ready(people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origins: Float64) -> list[int]:
+def ready(
+    people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origins: Float64, *, missed: Float64,
+    known: Callable[[int], bool],
+) -> list[int]:  # fmt: skip
     """Return the rows of candidates to confirm, in the order of their rows.
 
     Of a rig of three cameras or more, two confirm a candidate only if their rays cross at a large angle. Else they may
     see two strangers on one line, or a person far behind the place that the cameras surround. A candidate also waits
-    where nearly as many cameras look at its place and see no person.
+    where nearly as many cameras look at its place and see no person. A candidate whom two cameras saw walk does not
+    wait for these, and a smaller angle suffices (`LATER_SINE`). A lost person who returns does not wait.
 
     Args:
         people: the people.
         settings: number of instants or cameras that must agree.
         agreed: (people, cameras) whether a camera agrees about a person in this instant.
         origins: (cameras, 3) centres of the cameras, world [m].
+        missed: (cameras,) share of people whom a camera misses, see `CameraCounts`.
+        known: tells whether the candidate of a row is a lost person.
     """
-    found = []
+    found, trust = [], np.maximum(1.0 - missed / MOST_MISSED, 0.0)
     for row in np.flatnonzero((people.ids == CANDIDATE) & (people.doubts == 0)).tolist():
         views, hits = int(agreed[row].sum()), int(people.hits[row])
         sure, third = (int((people.support[row] >= count).sum()) for count in (settings.sure_cameras, 3))
-        narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]])
-        doubtful = float(np.nansum(people.refuted[row])) >= MOST_REFUTED * views
+        walked = hits >= LONG_SEEN and float(people.roamed[row]) >= ROAMED_M
+        narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]], walked=walked)
+        doubtful = float(np.nansum(trust * people.refuted[row])) >= MOST_REFUTED * views and not walked
+        if (doubtful or narrow) and hits >= settings.confirm_instants and known(row):
+            doubtful = narrow = False
         if doubtful or (narrow and third < LEAST_JOINTS):
             continue
         if hits >= settings.confirm_instants or (sure >= LEAST_JOINTS and hits >= 1):
@@ -181,12 +196,16 @@ def ready(people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origin
     return found
 
 
-def _crossing(place: Float64, origins: Float64) -> bool:
-    """Return whether rays from origins (n, 3) cross at a place (3,) at a large angle."""
+def _crossing(place: Float64, origins: Float64, *, walked: bool) -> bool:
+    """Return whether rays from origins (n, 3) cross at a place (3,) at a large angle.
+
+    For a candidate who ``walked``, the smaller `LATER_SINE` suffices, of cameras on the same side.
+    """
     rays = place - origins
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     sines = np.linalg.norm(np.cross(rays[:, None], rays[None]), axis=2)
-    return bool(sines.max(initial=0.0) >= LEAST_SINE)
+    beside = (rays @ rays.T > 0.0) & (sines >= LATER_SINE)  # opposite cameras hardly tell the place along their line
+    return bool(sines.max(initial=0.0) >= LEAST_SINE or (walked and beside.any()))
 
 
 def _place(people: PeopleArrays, row: int) -> Float64:

@@ -35,12 +35,16 @@ from mocapella.tracker.webcams_cameras_kernels import count_refuting, count_unma
 from mocapella.tracker.webcams_errors_kernels import follow_unpredicted, variance_ahead
 from mocapella.tracker.webcams_memory import CANDIDATE, NO_PERSON, CameraCounts, PeopleArrays
 from mocapella.tracker.webcams_people_kernels import PeopleLimits, drop, follow, forget, judge
+from mocapella.tracker.webcams_rig_kernels import adjust_rays, doubt_unmatched
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 UInt8 = NDArray[np.uint8]
+
+LATE_S = 0.05
+"""Time before the last instant at which a detection is late [s]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,14 +64,15 @@ def crossed(group_of: Int64, g: int, turned: Bools) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def begin(
-    model: Any, people: PeopleArrays, at_s: float, rays: Rays, cameras: CameraArrays, gates: KeypointGates,
-    matches: Matches, agreed: Bools,
+    model: Any, people: PeopleArrays, at_s: float, since_s: float, rays: Rays, cameras: CameraArrays,
+    gates: KeypointGates, matches: Matches, agreed: Bools,
 ) -> None:  # fmt: skip
     """Begin candidates from groups of detections without a person; weak people's detections may be in a group, too.
 
     Args:
         model, people, rays, cameras, matches: see the module.
         at_s: time of the instant [s].
+        since_s: time before which detections are late, so that people may have left; these begin nobody [s].
         gates: thresholds.
         agreed: (people, cameras) written: whether a camera agrees about a person.
     """
@@ -80,7 +85,8 @@ def begin(
         for j in range(JOINTS):
             joints += rays.confidences[d, j] > 0.0
         weak = p >= 0 and people.cameras[p] < 2
-        free[d] = joints >= gates.least_joints and (weak or (p < 0 and matches.explained[d] < 0))
+        late = at_s + rays.after_s[d] < since_s
+        free[d] = not late and joints >= gates.least_joints and (weak or (p < 0 and matches.explained[d] < 0))
         some += free[d] and p < 0
     if some == 0:
         return
@@ -138,11 +144,13 @@ def track_instant(
     """
     sizes_px = np.empty(len(pixels))
     cast_rays(pixels, cameras, joint_sd, least_sd_px, rays, sizes_px)
+    adjust_rays(rays, cameras, counts)
     drop_duplicates(pixels, rays.confidences, rays.camera, sizes_px)
-    before = people.positions.copy()
+    before, last_s = people.positions.copy(), -math.inf
     known = np.zeros(len(people.ids), np.bool_)
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
+            last_s = max(last_s, people.at_s[p])
             known[p] = predict_body(model, people.rows[p], at_s, people.positions[p], people.covariances[p])
     predicted = people.positions.copy()
     expected = PredictedPeople(known, people.positions, people.covariances, people.velocities)
@@ -152,12 +160,14 @@ def track_instant(
         if people.ids[p] != NO_PERSON:
             follow_unpredicted(people, p, at_s - people.at_s[p], predicted[p])
             follow(people, p, at_s, before[p])
-    begin(model, people, at_s, rays, cameras, gates, matches, agreed)
+    begin(model, people, at_s, last_s - LATE_S, rays, cameras, gates, matches, agreed)
+    doubt_unmatched(rays, matches, gates, counts)
     count_unmatched(people, rays, cameras, gates, matches, counts)
+    looking = np.zeros(len(people.ids), np.int64)
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
-            count_refuting(people, p, pixels, rays, cameras, matches, delivered)
-    drop(people, at_s, limits, gone)
+            looking[p] = count_refuting(people, p, pixels, rays, cameras, matches, delivered, counts)
+    drop(people, at_s, limits, looking, counts.missed, gone)
     for c in range(len(delivered)):
         if not delivered[c]:
             continue

@@ -20,6 +20,14 @@ NO_PERSON: Final = -1
 """Value of ``ids`` in a row that is not used."""
 CANDIDATE: Final = -2
 """Value of ``ids`` in a row of an unconfirmed person."""
+FIRST_SPREAD: Final = 3.0
+"""Spread of a new camera, see `CameraCounts`; so large that poorly calibrated cameras find people, too."""
+LONG_SEEN: Final = 10
+"""Number of instants when two cameras agreed, after which a person may be hidden, or have walked."""
+ROAMED_M: Final = 0.7
+"""Distance that a person has walked before two cameras; two strangers on one line hardly do so together [m]."""
+MOST_MISSED: Final = 0.4
+"""Share of people whom a camera misses, from which on it says nothing about whether a person is there."""
 
 
 class PeopleArrays(NamedTuple):
@@ -33,6 +41,8 @@ class PeopleArrays(NamedTuple):
         seen_s: (people,) last time that a camera saw the person [s].
         agreed_s: (people,) last time that two cameras agreed about the person [s].
         agreed_place: (people, 3) mean of the joints at that time, world [m].
+        first_place: (people, 3) mean of the joints when two cameras first agreed, world [m].
+        roamed: (people,) largest distance from it at which two cameras agreed [m].
         hits: (people,) number of instants when two cameras agreed.
         doubts: (people,) number of successive instants when two cameras saw the person and did not agree.
         turned: (people,) running mean of the share of the person's detections that are used with left and right
@@ -50,6 +60,8 @@ class PeopleArrays(NamedTuple):
             coordinate [m²/s²]; NaN before the first.
         lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
         lengths_seen: (people, bones) number of their measurements.
+        heights: (people, 26) running mean of the joints' heights, world y, while two cameras agree [m]; NaN at first.
+        height_variances: (people, 26) their running variance [m²].
     """
 
     rows: Float64
@@ -59,6 +71,8 @@ class PeopleArrays(NamedTuple):
     seen_s: Float64
     agreed_s: Float64
     agreed_place: Float64
+    first_place: Float64
+    roamed: Float64
     hits: Int64
     doubts: Int64
     turned: Float64
@@ -73,6 +87,8 @@ class PeopleArrays(NamedTuple):
     unpredicted: Float64
     lengths: Float64
     lengths_seen: Float64
+    heights: Float64
+    height_variances: Float64
 
 
 class CameraCounts(NamedTuple):
@@ -83,12 +99,26 @@ class CameraCounts(NamedTuple):
         height_px: running mean of their size [px]; NaN before the first.
         agreed: running mean of the share of a person's detections that agree with the other cameras; NaN at first.
         judged: number of instants that ``agreed`` is the mean of.
+        spread: running mean of the squared residuals of its rays over their stated variances; at least 1.
+        compared: number of people and instants that ``spread`` is the mean of.
+        aside: (cameras, 3) sums of its direction errors to the right and down [rad], and the number of their values.
+        late: (cameras, 2) sums that give its time error: weighted times [1/s], and their weights [1/s²].
+        missed: running mean of whether it sees no person where other cameras see one, and no other detection hides it.
+        met: number of people whom it saw at their places, or should have seen there; of some of the images.
+        contrary: number of these in whose stead it saw a stranger.
     """
 
     detections: Float64
     height_px: Float64
     agreed: Float64
     judged: Float64
+    spread: Float64
+    compared: Float64
+    aside: Float64
+    late: Float64
+    missed: Float64
+    met: Float64
+    contrary: Float64
 
 
 def no_people(row: int, cameras: int) -> PeopleArrays:
@@ -111,6 +141,8 @@ def no_people(row: int, cameras: int) -> PeopleArrays:
         seen_s=unknown(),
         agreed_s=unknown(),
         agreed_place=unknown(3),
+        first_place=unknown(3),
+        roamed=np.zeros(n),
         hits=np.zeros(n, dtype=np.int64),
         doubts=np.zeros(n, dtype=np.int64),
         turned=np.zeros(n),
@@ -125,9 +157,15 @@ def no_people(row: int, cameras: int) -> PeopleArrays:
         unpredicted=unknown(JOINTS),
         lengths=unknown(bones),
         lengths_seen=np.zeros((n, bones)),
+        heights=unknown(JOINTS),
+        height_variances=np.zeros((n, JOINTS)),
     )
 
 
 def no_counts(cameras: int) -> CameraCounts:
     """Return the counts before the first image, of a number of cameras."""
-    return CameraCounts(np.zeros(cameras), np.full(cameras, np.nan), np.full(cameras, np.nan), np.zeros(cameras))
+    n, unknown = cameras, np.nan
+    return CameraCounts(
+        np.zeros(n), np.full(n, unknown), np.full(n, unknown), np.zeros(n), np.full(n, FIRST_SPREAD), np.zeros(n),
+        np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n),
+    )  # fmt: skip

@@ -3,6 +3,7 @@
 Common arguments: see `mocapella.tracker.webcams_kernels`; importing this module imports numba.
 """
 
+# ruff: noqa: PLR0917 - compiled: arrays come by position
 from __future__ import annotations
 
 import math
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import BONES, JOINTS, KeypointGates
 from mocapella.association.new_people_kernels import plausible
 from mocapella.compiled import njit
-from mocapella.tracker.webcams_memory import CANDIDATE, NO_PERSON, PeopleArrays
+from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, NO_PERSON, ROAMED_M, PeopleArrays
 
 Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 FASTEST_M_S = 8.0
@@ -35,6 +37,16 @@ SURE_CAMERAS = 3
 """Number of cameras that together hardly ever see strangers on one line."""
 LEAST_SURE = 3
 """Number of instants when three cameras agree about a person, after which two suffice."""
+HEIGHT_WEIGHT = 0.03
+"""Least weight of an instant in the running mean of a joint's height."""
+FIRST_HEIGHT_SD_M = 0.2
+"""Standard deviation of a joint's height after one instant [m]."""
+LEAST_REFUTING = 1.0
+"""Number of cameras that see no person at a place, below which a person whom no camera sees may be hidden."""
+VAGUE_M = 0.35
+"""Mean standard deviation of the joints, all axes together, above which a person's place is vague [m]."""
+VAGUE_S = 1.5
+"""Time after which a person at a vague place, about whom no two cameras agree, is lost [s]."""
 MISSED_INSTANTS_S = 0.25
 """A candidate that two cameras do not confirm for this long is dropped [s]."""
 
@@ -49,6 +61,7 @@ class PeopleLimits(NamedTuple):
     measured_sd_m: float
     measured_s: float
     slow_error_s: float
+    hidden_s: float
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,17 +74,18 @@ def forget(people: PeopleArrays, p: int) -> None:
     """
     people.ids[p] = NO_PERSON
     people.hits[p] = people.doubts[p] = people.cameras[p] = 0
-    people.turned[p], people.sure[p] = 0.0, 0
+    people.turned[p], people.roamed[p], people.sure[p] = 0.0, 0.0, 0
     for c in range(people.refuted.shape[1]):
         people.refuted[p, c] = math.nan
     people.at_s[p] = people.born_s[p] = people.seen_s[p] = people.agreed_s[p] = math.nan
     for k in range(3):
-        people.agreed_place[p, k] = math.nan
+        people.agreed_place[p, k] = people.first_place[p, k] = math.nan
     for i in range(people.rows.shape[1]):
         people.rows[p, i] = math.nan
     for j in range(JOINTS):
         people.support[p, j] = 0
-        people.measured_s[p, j] = people.unpredicted[p, j] = math.nan
+        people.measured_s[p, j] = people.unpredicted[p, j] = people.heights[p, j] = math.nan
+        people.height_variances[p, j] = 0.0
         for k in range(3):
             people.positions[p, j, k], people.velocities[p, j, k] = math.nan, 0.0
             for m in range(3):
@@ -116,6 +130,28 @@ def ran_away(people: PeopleArrays, p: int, at_s: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def learn_heights(people: PeopleArrays, p: int, measured: Float64) -> None:
+    """Update the mean and the variance of the joints' heights.
+
+    Args:
+        people: see the module.
+        p: row of the person.
+        measured: (26, 3) joints that two cameras see, world [m]; NaN for others.
+    """
+    for j in range(JOINTS):
+        height = measured[j, 1]
+        if math.isnan(height):
+            continue
+        if math.isnan(people.heights[p, j]):
+            people.heights[p, j], people.height_variances[p, j] = height, FIRST_HEIGHT_SD_M * FIRST_HEIGHT_SD_M
+            continue
+        off, variance = height - people.heights[p, j], people.height_variances[p, j]
+        share = max(1.0 / (people.hits[p] + 1.0), HEIGHT_WEIGHT)
+        people.heights[p, j] += share * off
+        people.height_variances[p, j] += share * (off * off - variance)
+
+
+@njit(cache=True, error_model="numpy")
 def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: KeypointGates) -> None:
     """Count whether the cameras agree about a person, after the body's correction, and learn the bones' lengths.
 
@@ -150,6 +186,13 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
     people.agreed_s[p] = at_s
     people.sure[p] += sure >= gates.least_joints
     middle(people.positions[p], people.agreed_place[p])
+    apart = 0.0
+    for k in range(3):
+        if people.hits[p] == 1:
+            people.first_place[p, k] = people.agreed_place[p, k]
+        apart += (people.agreed_place[p, k] - people.first_place[p, k]) ** 2
+    people.roamed[p] = max(people.roamed[p], math.sqrt(apart))
+    learn_heights(people, p, measured)
     for b in range(len(BONES)):
         i, j = BONES[b, 0], BONES[b, 1]
         x, y, z = (measured[i, 0] - measured[j, 0], measured[i, 1] - measured[j, 1], measured[i, 2] - measured[j, 2])
@@ -184,27 +227,50 @@ def follow(people: PeopleArrays, p: int, at_s: float, before: Float64) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def refuting(people: PeopleArrays, p: int) -> float:
+def refuting(people: PeopleArrays, p: int, missed: Float64) -> float:
     """Return the number of cameras that look at a person, unhidden, and see no person: a sum of running means.
+
+    A camera that often sees no person where others see one, such as through furniture, counts less.
+
+    Args:
+        people: see the module.
+        p: row of the person.
+        missed: (cameras,) see `CameraCounts`.
+    """
+    total = 0.0
+    for c in range(people.refuted.shape[1]):
+        if people.refuted[p, c] > 0.0:
+            total += people.refuted[p, c] * max(1.0 - missed[c] / MOST_MISSED, 0.0)
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def vague(people: PeopleArrays, p: int) -> bool:
+    """Return whether the place of a person is vague (`VAGUE_M`).
 
     Args:
         people: see the module.
         p: row of the person.
     """
-    total = 0.0
-    for c in range(people.refuted.shape[1]):
-        if people.refuted[p, c] > 0.0:
-            total += people.refuted[p, c]
-    return total
+    total, known = 0.0, 0.0
+    for j in range(JOINTS):
+        C = people.covariances[p, j]
+        variance = C[0, 0] + C[1, 1] + C[2, 2]
+        if variance >= 0.0:
+            total += math.sqrt(variance)
+            known += 1.0
+    return bool(known > 0.0 and total > VAGUE_M * known)
 
 
 @njit(cache=True, error_model="numpy")
-def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, gone: Bools) -> None:
+def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64, missed: Float64, gone: Bools) -> None:
     """Mark people who have left, candidates that were not confirmed, phantoms, and second tracks of one person.
 
     Args:
         people, limits: see the module.
         at_s: time of the instant [s].
+        looking: (people,) number of cameras in whose images the person would be.
+        missed: (cameras,) see `CameraCounts`.
         gone: (people,) written: whether the row is to be freed.
     """
     for p in range(len(people.ids)):
@@ -214,13 +280,15 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, gone: Bools) -
         if people.ids[p] == CANDIDATE:
             gone[p] = at_s - people.agreed_s[p] > MISSED_INSTANTS_S or people.doubts[p] > 2
         else:
-            unseen = at_s - people.seen_s[p] > limits.unseen_s
-            gone[p] = unseen or at_s - people.agreed_s[p] > limits.one_camera_s
-            gone[p] |= people.doubts[p] > limits.doubtful_instants or ran_away(people, p, at_s)
+            hidden = looking[p] > 0 and people.hits[p] >= LONG_SEEN and refuting(people, p, missed) < LEAST_REFUTING
+            unseen = at_s - people.seen_s[p] > (limits.hidden_s if hidden else limits.unseen_s)
             alone_s = at_s - people.agreed_s[p]
-            refuted = refuting(people, p) >= MOST_REFUTING
+            gone[p] = unseen or alone_s > limits.one_camera_s or (alone_s > VAGUE_S and vague(people, p))
+            gone[p] |= people.doubts[p] > limits.doubtful_instants or ran_away(people, p, at_s)
+            refuted = refuting(people, p, missed) >= MOST_REFUTING
             gone[p] |= refuted and people.cameras[p] < 2 and alone_s > REFUTED_S
-            gone[p] |= refuted and people.cameras[p] <= 2 and people.sure[p] < LEAST_SURE
+            few = people.sure[p] < LEAST_SURE and not (people.hits[p] >= LONG_SEEN and people.roamed[p] >= ROAMED_M)
+            gone[p] |= refuted and people.cameras[p] <= 2 and few
     for p in range(len(people.ids)):
         for q in range(len(people.ids)):
             if p == q or gone[p] or gone[q] or people.ids[p] == NO_PERSON or people.ids[q] == NO_PERSON:

@@ -23,6 +23,8 @@ class WebcamsSettings:
             shown later [count].
         unseen_s: a person whom no camera sees is lost after this time; larger: bridges longer occlusions, and people
             who leave stay longer [s].
+        hidden_s: the same for a person whom other people or furniture hide from the cameras that look at the place;
+            larger: bridges longer occlusions, with less certain places [s].
         one_camera_s: a person whom only one camera sees is lost after this time; larger: bridges longer occlusions,
             with a less certain distance [s].
         remember_s: a lost person who returns within this time gets the same number; larger: people return later, and
@@ -42,6 +44,9 @@ class WebcamsSettings:
             with larger errors of moving people [s].
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
             the others longer [s].
+        missing_after_s: while people are tracked, a camera without a usable frame for this long counts as missing, and
+            the state says so; larger: the state changes less often on a busy machine, and tells later of a camera that
+            stops [s].
         calibration: calibration from the people, if there is no rig.
         height_m: mean stature of the people, which gives the scale if there is no rig; 0: a guess. Larger: all lengths
             are larger [m].
@@ -58,7 +63,8 @@ class WebcamsSettings:
     confirm_instants: int = 3
     sure_cameras: int = 3
     unseen_s: float = 0.7
-    one_camera_s: float = 3.0
+    hidden_s: float = 2.0
+    one_camera_s: float = 10.0
     remember_s: float = 300.0
     same_size: float = 1.5
     doubtful_instants: int = 15
@@ -68,6 +74,7 @@ class WebcamsSettings:
     slow_error_s: float = 0.08
     late_s: float = 0.2
     silent_after_s: float = 0.3
+    missing_after_s: float = 2.0
     calibration: LiveRigSettings = field(default_factory=LiveRigSettings)
     height_m: float = 0.0
     start_position_m: float = 0.4
@@ -77,6 +84,7 @@ class WebcamsSettings:
         check(1 <= self.confirm_instants <= 1000, "confirm_instants", self.confirm_instants, "from 1 to 1000")
         check(2 <= self.sure_cameras <= 1000, "sure_cameras", self.sure_cameras, "from 2 to 1000")
         check(0 < self.unseen_s <= 60, "unseen_s", self.unseen_s, "above 0 and at most 60 s")
+        check(0 < self.hidden_s <= 60, "hidden_s", self.hidden_s, "above 0 and at most 60 s")
         check(0 < self.one_camera_s <= 600, "one_camera_s", self.one_camera_s, "above 0 and at most 600 s")
         check(0 <= self.remember_s <= 86400, "remember_s", self.remember_s, "from 0 to 86400 s")
         check(0 <= self.same_size <= 100, "same_size", self.same_size, "from 0 to 100")
@@ -87,6 +95,10 @@ class WebcamsSettings:
         check(0 < self.slow_error_s <= 10, "slow_error_s", self.slow_error_s, "above 0 and at most 10 s")
         check(0 < self.late_s <= 10, "late_s", self.late_s, "above 0 and at most 10 s")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
+        check(
+            self.silent_after_s <= self.missing_after_s <= 3600, "missing_after_s", self.missing_after_s,
+            "from silent_after_s to 3600 s",
+        )  # fmt: skip
         stated = self.height_m == 0 or 0.5 <= self.height_m <= 2.5
         check(stated, "height_m", self.height_m, "from 0.5 to 2.5 m, or 0 for a guess")
         check(0 < self.start_position_m <= 10, "start_position_m", self.start_position_m, "above 0 and at most 10 m")

@@ -23,6 +23,8 @@ Float64 = NDArray[np.float64]
 _SIZE: Final = (640, 480)
 _LENS: Final = np.array([530.0, 530.0, 319.5, 239.5, -0.05, 0.0, 0.0, 0.0, 0.0])
 _RATE_HZ: Final = 30
+_LATE_NS: Final = 4_000_000
+"""Time between a camera's image of the hand and that of the next camera [ns]."""
 _STANDING: Final = {
     "Nose": (0.0, 1.58, 0.1), "Eye": (0.03, 1.61, 0.08), "Ear": (0.07, 1.6, 0.0), "Shoulder": (0.18, 1.4, 0.0),
     "Elbow": (0.22, 1.12, 0.0), "Wrist": (0.24, 0.87, 0.05), "Hip": (0.1, 0.92, 0.0), "Knee": (0.11, 0.5, 0.02),
@@ -97,21 +99,31 @@ def warm_up_tracker() -> WebcamsTracker:
 
 
 def warm_up_arrivals() -> Iterator[Arrival]:
-    """Yield frames of a person who moves, is seen by one camera only, and by none; then of a hand."""
+    """Yield frames of a person who moves, is seen by one camera only, and by none; then of a hand.
+
+    One camera sees a hand beside the person once. The cameras' images of the hand alone are of different times.
+    """
     rig, joints = circle_of_cameras(3), standing_person()
+    hand = landmarks(hand_chain(hand_model("full"), hand_model("full").shape("left")), _REST)
     for k in range(20):
         people = [joints + np.array([0.02 * k, 0.0, 0.0])] if k < 16 else []
         at_ns = 1_000_000_000 + k * 1_000_000_000 // _RATE_HZ
         for i, arrival in enumerate(seen_people(rig, people, at_ns=at_ns, sequence=k)):
-            if i == 0 or not 10 <= k < 13:
+            if i == 0 and k == 9:
+                yield _seen_hand(rig, arrival.frame.sensor, hand, at_ns, k)
+            elif i == 0 or not 10 <= k < 13:
                 yield arrival
-    hand = landmarks(hand_chain(hand_model("full"), hand_model("full").shape("left")), _REST)
     for k in range(20, 24):
         at_ns = 1_000_000_000 + k * 1_000_000_000 // _RATE_HZ
-        for i, (name, placed) in enumerate(sorted(rig.cameras.items())):
-            px = project(apply(placed.T_camera_world, hand), placed.camera.lens)
-            frame = keypoint_frame(
-                name, topology("hand"), time_ns=at_ns, size_px=_SIZE, positions_px=px[None], confidences=0.9, sequence=k
-            )
+        for i, name in enumerate(sorted(rig.cameras)):
             if i == 0 or k < 23:
-                yield Arrival(frame, at_ns)
+                yield _seen_hand(rig, name, hand, at_ns + i * _LATE_NS, k)
+
+
+def _seen_hand(rig: CameraRig, name: str, hand: Float64, at_ns: int, sequence: int) -> Arrival:
+    placed = rig.cameras[name]
+    px = project(apply(placed.T_camera_world, hand), placed.camera.lens)
+    frame = keypoint_frame(
+        name, topology("hand"), time_ns=at_ns, size_px=_SIZE, positions_px=px[None], confidences=0.9, sequence=sequence
+    )
+    return Arrival(frame, at_ns)

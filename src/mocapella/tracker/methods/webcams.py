@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from mocapella.model.camera_rig_file import decode_camera_rig
 from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.markers import MarkerFrame
 from mocapella.model.observations import Arrival
 from mocapella.model.session import SensorPose
 from mocapella.settings import parse
@@ -35,11 +36,11 @@ METHOD: Final = Method(
     name="webcams",
     summary="people and hands in 3D without markers, from the keypoints that two or more cameras see",
     settings=WebcamsSettings,
-    frame_types=(KeypointFrame,),
+    frame_types=(KeypointFrame, MarkerFrame),
     parts=("people", "hands"),
     make=_make,
     warm_up_run=_practice,
-    kernels=175,
+    kernels=191,
     camera_rig="optional",
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
 )

@@ -1,0 +1,142 @@
+"""When the method webcams confirms a candidate, keeps a person, and doubts a camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mocapella.association.keypoint_rays import Matches, Rays
+from mocapella.tracker.webcams import WebcamsTracker
+from mocapella.tracker.webcams_identity import Identities, ready
+from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays, no_people
+from mocapella.tracker.webcams_settings import WebcamsSettings
+from mocapella.tracker.webcams_warmup import circle_of_cameras, standing_person
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SETTINGS = WebcamsSettings()
+FOUR = circle_of_cameras(4)
+NONE_MISSED = np.zeros(4)
+
+
+def person(number: int, *, hits: int = 100, walked_m: float = 0.0) -> PeopleArrays:
+    """A person at the origin about whom two cameras agreed at the time 10 s."""
+    people = no_people(10, 4)
+    people.ids[0], people.hits[0], people.roamed[0] = number, hits, walked_m
+    people.at_s[0] = people.seen_s[0] = people.agreed_s[0] = 10.0
+    people.positions[0] = standing_person()
+    people.agreed_place[0] = people.positions[0].mean(axis=0)
+    people.covariances[0] = 1e-4 * np.eye(3)
+    return people
+
+
+def cameras_at(*degrees: float) -> Float64:
+    """The centres (cameras, 3) of four cameras 3 m from the person; those that are not given are far away."""
+    angles = np.radians([*degrees, *[180.0] * (4 - len(degrees))])
+    return 3.0 * np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1) + person(0).agreed_place[0]
+
+
+def confirmed(people: PeopleArrays, origins: Float64, missed: Float64 = NONE_MISSED, *, known: bool = False) -> bool:
+    agreed = np.zeros((len(people.ids), 4), dtype=np.bool_)
+    agreed[0, :2] = True
+    return ready(people, SETTINGS, agreed, origins, missed=missed, known=lambda _: known) == [0]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "walked", "known", "expected"),
+    [
+        (60.0, False, False, True),
+        (20.0, False, False, False),
+        (20.0, True, False, True),
+        (10.0, True, False, False),
+        (160.0, True, False, False),
+        (10.0, False, True, True),
+    ],
+)
+def test_two_cameras_confirm_a_candidate_by_their_angle(
+    degrees: float, walked: bool, known: bool, expected: bool
+) -> None:
+    people = person(CANDIDATE, walked_m=ROAMED_M if walked else 0.0)
+    assert confirmed(people, cameras_at(0.0, degrees), known=known) == expected
+
+
+def test_a_candidate_has_walked_only_after_enough_instants() -> None:
+    people = person(CANDIDATE, hits=LONG_SEEN - 1, walked_m=ROAMED_M)
+    assert not confirmed(people, cameras_at(0.0, 20.0))
+
+
+def test_cameras_that_see_no_person_hold_back_a_candidate_who_stands() -> None:
+    origins = cameras_at(0.0, 60.0)
+    for walked_m, missed, expected in ((0.0, 0.0, False), (ROAMED_M, 0.0, True), (0.0, MOST_MISSED, True)):
+        people = person(CANDIDATE, walked_m=walked_m)
+        people.refuted[0, 2:] = 1.0
+        assert confirmed(people, origins, np.array([0.0, 0.0, missed, missed])) == expected
+
+
+def test_a_person_returns_within_the_stated_time_only() -> None:
+    people, identities = person(7), Identities(SETTINGS)
+    people.lengths[0] = 0.4
+    identities.lose(people, 0)
+    people.ids[0] = CANDIDATE
+    assert identities.returns(people, 0, 10.5)
+    assert identities.returns(people, 0, 10.0 + SETTINGS.remember_s)
+    assert not identities.returns(people, 0, 10.1 + SETTINGS.remember_s)
+
+
+def dropped(people: PeopleArrays, after_s: float, *, looking: int = 4) -> bool:
+    """Whether a person is lost a time after two cameras agreed."""
+    tracker, gone = WebcamsTracker(FOUR), np.zeros(len(people.ids), dtype=np.bool_)
+    in_image = np.full(len(people.ids), looking)
+    tracker._kernels.drop(people, 10.0 + after_s, tracker._limits, in_image, NONE_MISSED, gone)
+    return bool(gone[0])
+
+
+@pytest.mark.slow
+def test_an_unseen_person_is_kept_longer_where_others_hide_the_place() -> None:
+    between = 0.5 * (SETTINGS.unseen_s + SETTINGS.hidden_s)
+    assert not dropped(person(0), 0.9 * SETTINGS.unseen_s, looking=0)
+    assert not dropped(person(0), between)
+    assert dropped(person(0), 1.1 * SETTINGS.hidden_s)
+    assert dropped(person(0), between, looking=0)  # out of all images
+    assert dropped(person(0, hits=LONG_SEEN - 1), between)
+    people = person(0)
+    people.refuted[0, 0] = 1.0  # a camera sees that nobody is there
+    assert dropped(people, between)
+
+
+@pytest.mark.slow
+def test_one_camera_keeps_a_person_until_the_place_is_vague() -> None:
+    for sd_m, after_s, expected in ((0.1, 5.0, False), (0.1, 10.1, True), (0.4, 1.4, False), (0.4, 1.6, True)):
+        people = person(0)
+        people.seen_s[0], people.cameras[0] = 10.0 + after_s, 1
+        people.covariances[0] = sd_m**2 / 3 * np.eye(3)
+        assert dropped(people, after_s) == expected
+
+
+@pytest.mark.slow
+def test_a_person_about_whom_three_cameras_never_agreed_is_kept_after_walking() -> None:
+    for walked_m in (0.0, ROAMED_M):
+        people = person(0, walked_m=walked_m)
+        people.cameras[0], people.refuted[0] = 2, 1.0
+        assert dropped(people, 0.0) == (walked_m == 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("owners", "grows"), [((-1, 3), True), ((3, 3), False), ((-1, -1), True), ((-1,), False)])
+def test_a_camera_that_sees_only_strangers_is_doubted_if_others_see_people(
+    owners: tuple[int, ...], grows: bool
+) -> None:
+    tracker, count = WebcamsTracker(FOUR), len(owners)
+    nothing = np.full(count, -1)
+    rays = Rays(
+        np.arange(count), np.zeros(count), np.zeros((count, 26, 3)), np.ones((count, 26)), np.ones((count, 26))
+    )  # fmt: skip
+    matches = Matches(np.array(owners), np.zeros(count, dtype=np.bool_), nothing, np.full(count, np.nan))
+    before = tracker._counts.spread.copy()
+    for _ in range(100):
+        tracker._kernels.doubt_unmatched(rays, matches, tracker._gates, tracker._counts)
+    assert (tracker._counts.spread[0] > before[0]) == grows
+    assert tracker._counts.spread[0] <= 12.0
+    assert tracker._counts.spread[3] == before[3]
