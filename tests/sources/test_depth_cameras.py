@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.fake_depth import SIZE, FakeCamera, freenect, openni2, pyorbbecsdk, pyrealsense2
+from support.fake_depth import SIZE, FakeCamera, depthai, freenect, openni2, pylibfreenect2, pyorbbecsdk, pyrealsense2
+from support.k4a_stand_in import k4a
 from support.programs import wait_until
 
 from mocapella.errors import InputError, SettingsError
@@ -21,6 +22,9 @@ from mocapella.sources.depth_cameras import CAMERAS
 from mocapella.sources.depth_cameras import device as device_module
 from mocapella.sources.depth_cameras.device import DepthDevice
 from mocapella.sources.depth_cameras.freenect import FreenectCamera
+from mocapella.sources.depth_cameras.freenect2 import Freenect2Camera
+from mocapella.sources.depth_cameras.k4a import K4aCamera
+from mocapella.sources.depth_cameras.oak import OakCamera
 from mocapella.sources.depth_cameras.openni import OpenNiCamera
 from mocapella.sources.depth_cameras.orbbec import OrbbecCamera
 from mocapella.sources.depth_cameras.realsense import RealSenseCamera
@@ -35,8 +39,14 @@ MAKERS: dict[str, tuple[Callable[[FakeCamera], Any], type[DepthDevice], str, Any
     "openni": (openni2, OpenNiCamera, "0", 101, 0.0001),
     "realsense": (pyrealsense2, RealSenseCamera, "", 0.00025, 0.00025),
     "orbbec": (pyorbbecsdk, OrbbecCamera, "0", 0.5, 0.0005),
+    "oak": (depthai, OakCamera, "0", 0.001, 0.001),
+    "freenect2": (pylibfreenect2, Freenect2Camera, "0", None, 0.001),
+    "k4a": (k4a, K4aCamera, "0", None, 0.001),
     "freenect": (freenect, FreenectCamera, "0", None, 0.001),
 }
+
+SIZES = {"freenect": (640, 480), "freenect2": (512, 424), "k4a": (640, 576)}
+"""Sizes of the images of real cameras; the stand-ins of others have `SIZE`."""
 
 
 def made(kind: str, options: DepthOptions | None = None, **how: Any) -> tuple[FakeCamera, DepthDevice]:
@@ -53,7 +63,7 @@ def test_a_camera_says_its_unit_and_lens_and_gives_its_images(kind: str) -> None
     assert state.unit_m == pytest.approx(MAKERS[kind][-1])
     assert state.fps == 30
     assert state.colour is None
-    assert camera.size_px == ((640, 480) if kind == "freenect" else SIZE)
+    assert camera.size_px == SIZES.get(kind, SIZE)
     assert state.problems == ()
     pictures = [source.read(STOP) for _ in range(3)]
     assert [picture.number for picture in pictures if picture] == [0, 1, 2]
@@ -64,6 +74,7 @@ def test_a_camera_says_its_unit_and_lens_and_gives_its_images(kind: str) -> None
         assert (picture.image.dtype, picture.size_px) == (np.uint16, camera.size_px)
     if kind != "freenect":
         assert [int(picture.image[0, 0]) for picture in pictures if picture] == [701, 702, 703]
+    if kind not in SIZES:
         assert np.diff(times) == pytest.approx(1e9 / 30, rel=1e-3)  # the device's stamps, whenever they come
     source.close()
 
@@ -110,7 +121,7 @@ def test_a_package_that_is_not_installed_is_named_with_what_to_do(kind: str, mon
 
 @pytest.mark.parametrize("kind", MAKERS)
 def test_what_the_user_says_goes_before_what_the_camera_says(kind: str) -> None:
-    width = 640 if kind == "freenect" else 8
+    width = SIZES.get(kind, SIZE)[0]
     lens = (0.7 * width, 0.8 * width, 3.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     state = made(kind, DepthOptions(unit_m=0.002, lens=lens))[1].open()
     assert (state.unit_m, state.lens) == (0.002, lens)
@@ -175,7 +186,7 @@ def test_a_kinects_disparities_become_depths_where_that_is_asked_for() -> None:
     assert state.lens[0] == pytest.approx(575.8, abs=0.05)
 
 
-@pytest.mark.parametrize("text", ["openni:0", "realsense:", "orbbec:0", "rendered:fist"])
+@pytest.mark.parametrize("text", ["openni:0", "realsense:", "orbbec:0", "oak:0", "rendered:fist"])
 def test_disparities_of_what_has_none_are_refused(text: str) -> None:
     with pytest.raises(SettingsError, match=rf"kinect-raw: {text.partition(':')[0]} gives depths"):
         open_depth(text, DepthOptions(kinect_raw=True))
@@ -217,6 +228,63 @@ def test_an_orbbec_is_found_by_number_or_serial_and_says_what_it_refuses() -> No
     assert OrbbecCamera("0", "orbbec:0", DepthOptions(fps=60), package=package).open().problems != ()
 
 
+def test_an_oak_is_found_by_number_or_id_and_asked_for_size_and_rate() -> None:
+    camera = FakeCamera()
+    state = OakCamera("0", "oak:0", DepthOptions(size_px=(1280, 800), fps=15), package=depthai(camera)).open()
+    assert camera.asked == {"device": "first", "size": (1280, 800), "fps": 15}
+    assert state.lens == (6.0, 6.5, 3.25, 2.75, 0.0, 0.0, 0.0, 0.0, 0.0)
+    OakCamera("14442C10D13F7FD000", "oak:14442C10D13F7FD000", package=depthai(camera)).open()
+    assert (camera.asked["device"], camera.asked["size"]) == ("14442C10D13F7FD000", (640, 400))
+    with pytest.raises(InputError, match=r"oak:1: there is no such camera; 1 of them is here"):
+        OakCamera("1", "oak:1", package=depthai(camera)).open()
+    with pytest.raises(InputError, match=r"oak:lost: cannot be opened \(Cannot find any device"):
+        OakCamera("lost", "oak:lost", package=depthai(camera)).open()
+
+
+def test_an_oak_that_cannot_be_used_is_closed_and_says_why() -> None:
+    for how, why in (
+        ({"version": "2.30.0"}, r"depthai 2.30.0; install depthai, version 3"),
+        ({"pairs": 0}, "no pair of cameras for depth; name an OAK-D"),
+        ({"silent": True}, "gave no image within 5 s; plug it in again"),
+        ({"sockets": ("B", "C")}, "no colour camera beside its pair"),
+    ):
+        camera = FakeCamera()
+        with pytest.raises(InputError, match=f"oak:0: .*{why}"):
+            OakCamera("0", "oak:0", DepthOptions(colour=True), package=depthai(camera, **how)).open()
+        assert camera.asked.get("closed", False) == ("version" not in how)
+
+
+@pytest.mark.parametrize("platform", ["RVC2", "RVC4"])
+def test_an_oaks_depth_with_colour_has_the_colour_cameras_lens(platform: str) -> None:
+    camera = FakeCamera()
+    state = OakCamera("0", "oak:0", DepthOptions(colour=True), package=depthai(camera, platform=platform)).open()
+    assert state.colour is not None
+    assert state.colour.T_colour_depth is None
+    assert state.colour.lens == state.lens == (7.0, 7.5, 3.25, 2.75, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert ("aligned by" in camera.asked) == (platform == "RVC4")
+    assert camera.asked["within"].total_seconds() == pytest.approx(0.5 / 30, abs=1e-6)
+
+
+def test_a_kinect_v2_gives_whole_millimetres_and_its_images_back() -> None:
+    camera, source = made("freenect2", DepthOptions(colour=True))
+    state = source.open()
+    picture = source.read(STOP)
+    assert picture is not None
+    assert picture.image[0, :4].tolist() == [701, 0, 0, 65535]  # not a number, infinite, too far
+    assert camera.asked["held"] == 0
+    assert state.lens == (365.5, 365.6, 256.5, 205.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert state.colour is not None
+    assert (state.colour.lens, state.colour.T_colour_depth) == (state.lens, None)
+    source.close()
+    assert camera.asked["closed"]
+    Freenect2Camera("0123456747", "freenect2:0123456747", package=pylibfreenect2(camera)).open()
+    assert camera.asked["device"] == b"0123456747"
+    with pytest.raises(InputError, match=r"freenect2:0123456748: there is no such camera; 1 of them is here"):
+        Freenect2Camera("0123456748", "freenect2:0123456748", package=pylibfreenect2(camera)).open()
+    with pytest.raises(InputError, match="freenect2:0: cannot be opened; plug it into a USB 3 port"):
+        Freenect2Camera("0", "freenect2:0", package=pylibfreenect2(FakeCamera(), opens=False)).open()
+
+
 def test_stamps_that_jump_begin_a_new_count_and_time_still_rises() -> None:
     times = count(100.0, 1 / 30)
     camera, source = made("realsense", clock=lambda: next(times))
@@ -241,7 +309,8 @@ def test_a_camera_with_colour_gives_pairs_of_one_instant(kind: str) -> None:
         picture = source.read(STOP)
         assert picture is not None
         assert picture.colour is not None
-        assert picture.colour.shape == (*picture.image.shape[:2], 3)
+        height, width = picture.image.shape if kind != "k4a" else (720, 1280)
+        assert picture.colour.shape == (height, width, 3)
         blue, green, red = picture.colour[0, 0].tolist()
         assert (blue, green) == (0, 7)  # blue, green, red
         if kind != "freenect":

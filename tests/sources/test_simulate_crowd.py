@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
 from mocapella.sources.simulate.body import body_template
 from mocapella.sources.simulate.crowd import (
+    CameraRing,
     CrowdPerson,
     CrowdScene,
     CrowdSettings,
@@ -225,17 +227,28 @@ def test_a_topology_without_its_keypoints_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "wrong", [{"noise": -1.0}, {"taken": 2.0}, {"mirrored": (0.0, 2.0, 0.0)}, {"missed_s": 0.0}, {"step_px": -1.0},
-              {"false_per_image": -1.0}, {"least_px": -1.0}],
+              {"false_per_image": -1.0}, {"least_px": -1.0}, {"noise_px": -1.0}, {"exchanged_limbs": 2.0},
+              {"unrelated_confidences": -1.0}],
 )  # fmt: skip
 def test_faults_out_of_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         KeypointFaults(**wrong)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("wrong", [{"hz": 0.0}, {"jitter_s": 1.0}, {"lost": 1.0}, {"latency_s": -1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"hz": 0.0}, {"jitter_s": 1.0}, {"lost": 1.0}, {"latency_s": -1.0}, {"known_clock_s": -2.0}]
+)
 def test_timing_out_of_range_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         KeypointCameraSettings(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [{"out_of_step": -1}, {"rig_error_px": -1.0}])
+def test_scenes_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        dataclasses.replace(made().settings, **wrong)
+    with pytest.raises(SettingsError, match="centre_sd"):
+        CameraRing(centre_sd=-0.1)
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
@@ -282,6 +295,51 @@ def test_cameras_look_at_the_middle() -> None:
         middle = project(apply(placed.T_camera_world, np.array([ring.centre])), placed.camera.lens)
         np.testing.assert_allclose(middle[0], placed.camera.lens[2:4], atol=1e-6)
         np.testing.assert_allclose(np.linalg.det(placed.T_camera_world[:3, :3]), 1.0)
+
+
+def test_a_rig_with_errors_moves_the_middle_of_the_images() -> None:
+    exact = made()
+    assert exact.calibrated is exact.rig
+    scene = build_crowd(dataclasses.replace(exact.settings, rig_error_px=5.0))
+    middle, off = np.array([scene.settings.ring.centre]), []
+    for name, placed in scene.rig.cameras.items():
+        wrong = scene.calibrated.cameras[name]
+        true, given = (project(apply(one.T_camera_world, middle), placed.camera.lens) for one in (placed, wrong))
+        off.append(given[0] - true[0])
+    assert 1.0 < np.sqrt(np.mean(np.square(off))) < 8.0
+    assert np.abs(np.mean(off, axis=0)[1]) < 1.0  # an error of all cameras is a motion of the world
+
+
+def test_cameras_out_of_step_have_one_time_and_see_others() -> None:
+    scene = build_crowd(dataclasses.replace(made().settings, out_of_step=2))
+    apart = {item.frame.sensor: round((item.room_ns - item.at_ns) / 1e9 * 30) for item in items(scene)}
+    assert apart["c4"] == 0
+    assert set(apart.values()) <= {-2, -1, 0, 1, 2}
+    assert len(set(apart.values())) > 1
+    order = [(round(item.at_ns / 1e6), item.frame.sensor) for item in items(scene)]
+    assert order == sorted(order)
+
+
+def test_limbs_are_exchanged_errors_of_pixels_added_and_confidences_unrelated() -> None:
+    near = (CrowdPerson((-0.2, 0.0), "stand"), CrowdPerson((0.2, 0.0), "stand"))
+    plain = made(near, seconds=0.5)
+    exchanged = made(near, dataclasses.replace(NO_FAULTS, exchanged_limbs=1.0), seconds=0.5)
+    moved = 0
+    for one in items(exchanged):
+        expected = projected(exchanged, one)[one.detected]
+        moved += int((np.linalg.norm(one.frame.positions_px - expected, axis=-1) > 5.0).any(axis=1).sum())
+    assert moved > 0
+    noisy = made(near, dataclasses.replace(NO_FAULTS, noise_px=3.0), seconds=0.5)
+    errors = np.concatenate(
+        [(one.frame.positions_px - projected(noisy, one)[one.detected]).ravel() for one in items(noisy)]
+    )
+    assert np.nanstd(errors) == pytest.approx(3.0, rel=0.1)
+    unrelated = made(near, dataclasses.replace(NO_FAULTS, unrelated_confidences=1.0), seconds=0.5)
+    honest, told = (
+        np.concatenate([one.frame.confidences.ravel() for one in items(scene)]) for scene in (plain, unrelated)
+    )
+    assert np.mean(honest > 0.99) != np.mean(told > 0.99)
+    assert np.quantile(told[told > 0], 0.5) == pytest.approx(0.5, abs=0.15)
 
 
 @pytest.mark.slow

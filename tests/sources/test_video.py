@@ -88,6 +88,23 @@ class FakeCapture:
         self.released = True
 
 
+def test_an_mp4_that_is_cut_off_is_said_to_be_no_whole_one(tmp_path: Path) -> None:
+    whole = tmp_path / "a.mp4"
+    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter_fourcc(*"mp4v"), 30, (64, 48))
+    for k in range(6):
+        writer.write(gray(40 * k))
+    writer.release()
+    assert len(list(pictures(whole))) == 6
+    data = whole.read_bytes()
+    for size in (20, len(data) // 2):
+        (tmp_path / "cut.mp4").write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"cut\.mp4: is an MP4 that ends before its index.*copy it again"):
+            list(pictures(tmp_path / "cut.mp4"))
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    with pytest.raises(InputError, match="is no video that can be read"):
+        list(pictures(tmp_path / "empty.mp4"))
+
+
 def test_live_cameras_are_read_together_and_losses_counted() -> None:
     made = {0: FakeCapture(0), 3: FakeCapture(3, fails=(2,))}
     ticks = iter(range(100))

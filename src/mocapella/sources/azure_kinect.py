@@ -7,13 +7,12 @@ takes the bodies out. So the tracker is never without work, and images that it i
 from __future__ import annotations
 
 import ctypes
-import re
 import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import ExitStack
-from ctypes import byref, c_size_t, c_void_p
+from ctypes import byref, c_void_p
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -25,7 +24,7 @@ from mocapella.model.azure_kinect import AZURE_KINECT, STATES, camera_space
 from mocapella.model.limits import COORDINATE
 from mocapella.model.observations import BodyFrame, JointState, body_frame
 from mocapella.settings import check
-from mocapella.sources.depth_cameras.device import none_there
+from mocapella.sources.k4a_devices import open_device
 from mocapella.sources.k4a_libraries import (
     CALIBRATION_BYTES,
     DEPTH_MODE,
@@ -51,7 +50,6 @@ BROKEN_OF: Final = 30
 
 The tracker refuses an image without depth.
 """
-_PLUG: Final = "plug it in; no other program may use it, and this user must be allowed to (udev rules on Linux)"
 _START: Final = "use another USB 3 port and its power supply; on Linux it needs a display (OpenGL)"
 _TIMES: Final = "for a Femto on Windows, run Orbbec's script obsensor_metadata_win10.ps1 (docs/sensors.md)"
 _AGAIN: Final = "plug it in again, with its power supply, and start the node again"
@@ -205,7 +203,8 @@ class AzureKinect:
         """Open everything; return what closes it, in reverse order. After an error, nothing is open."""
         s, k4a, k4abt = self._settings, self._k4a, self._k4abt
         with ExitStack() as opened:
-            device = self._device = self._camera(opened)
+            self._device, self.serial = open_device(k4a, self._which, self.name, opened)
+            device = self._device
             camera = DeviceConfiguration(depth_mode=DEPTH_MODE, camera_fps=FPS[s.fps])
             started = k4a.k4a_device_start_cameras(device, byref(camera))
             self._need(started, "its depth camera does not start", _START)
@@ -228,40 +227,6 @@ class AzureKinect:
             opened.callback(self._stop.set)
             feeder.start()
             return opened.pop_all()
-
-    def _camera(self, opened: ExitStack) -> c_void_p:
-        """Open the camera; ``opened`` closes it."""
-        k4a, which = self._k4a, self._which
-        number = int(which) if re.fullmatch("[0-9]{1,2}", which) else None
-        count = k4a.k4a_device_get_installed_count()
-        if not count:
-            fix = "plug one in; Microsoft's libk4a sees only an Azure Kinect, Orbbec's only a Femto"
-            raise InputError("there is no camera", file=self.name, fix=fix)
-        if number is not None and number >= count:
-            raise none_there(self.name, count)
-        others = []
-        for index in range(count) if number is None else (number,):
-            handle = c_void_p()
-            if k4a.k4a_device_open(index, byref(handle)) != OK:
-                others.append("one that cannot be opened")
-                continue
-            serial = self._serial(handle)
-            if number is not None or serial == which:
-                self.serial = serial
-                opened.callback(k4a.k4a_device_close, handle)
-                return handle
-            k4a.k4a_device_close(handle)
-            others.append(serial)
-        if number is not None:
-            raise InputError("cannot be opened", file=self.name, fix=_PLUG)
-        fix = f"here: {', '.join(others)}; a number below 100 counts them from 0"
-        raise InputError("there is no camera with this serial number", file=self.name, fix=fix)
-
-    def _serial(self, device: c_void_p) -> str:
-        text, size = ctypes.create_string_buffer(64), c_size_t(64)
-        if self._k4a.k4a_device_get_serialnum(device, text, byref(size)) != OK:
-            return "one without a serial number"
-        return text.value.decode("ascii", errors="replace")
 
     def _need(self, result: int, problem: str, fix: str) -> None:
         if result != OK:

@@ -18,12 +18,15 @@ KINECT_SDK: Final = "KINECTSDK20_DIR"
 
 
 def depth_cameras() -> Iterator[Finding]:
-    """Yield for each kind of depth camera whether its driver package is installed; connected cameras are not sought.
+    """Yield for each kind of depth camera whether its package or library is installed; cameras are not sought.
 
     The packages come from the cameras' makers and are no extras of Mocapella.
     """
     for kind in CAMERAS:
         device = camera_class(kind)
+        if device.libraries:
+            yield from (_library(f"depth camera {kind}:", name) for name in device.libraries)
+            continue
         found = next(filter(_is_installed, device.packages), None)
         if found is None:
             names = " or ".join(module.partition(".")[0] for module in device.packages)
@@ -36,16 +39,19 @@ def depth_cameras() -> Iterator[Finding]:
 
 def azure_kinect() -> Iterator[Finding]:
     """Yield for each of the vendor's libraries for an Azure Kinect or Orbbec Femto whether it is found; load none."""
-    for name, library in find_libraries().items():
-        what = f"Azure Kinect lib{name}:"
-        if library is None:
-            yield Finding(what, "note", "not installed", f"only if you have one, or an Orbbec Femto: {missing(name)}")
-            continue
-        found = f"{library.version or 'version unknown'} ({library.path})"
-        if library.problem:
-            yield Finding(what, "note", found, f"it {library.problem}")
-        else:
-            yield Finding(what, "ok", found)
+    for name in find_libraries():
+        yield _library(f"Azure Kinect lib{name}:", name)
+
+
+def _library(what: str, name: str) -> Finding:
+    """Return whether a vendor's library is found and can be used, as far as its file tells."""
+    library = find_libraries()[name]
+    if library is None:
+        return Finding(what, "note", "not installed", f"only if you have one, or an Orbbec Femto: {missing(name)}")
+    found = f"{library.version or 'version unknown'} ({library.path})"
+    if library.problem:
+        return Finding(what, "note", found, f"it {library.problem}")
+    return Finding(what, "ok", found)
 
 
 def kinect_v2() -> Iterator[Finding]:

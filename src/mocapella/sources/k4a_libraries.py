@@ -15,6 +15,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from ctypes import POINTER, c_bool, c_char_p, c_int, c_int32, c_size_t, c_uint32, c_uint64, c_void_p
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,6 +30,11 @@ TIMEOUT: Final = 2
 DEPTH_MODE: Final = 2
 """Narrow field of view, unbinned: `DEPTH_SIZE_PX` at up to 30 Hz."""
 DEPTH_SIZE_PX: Final = (640, 576)
+DEPTH_MODES: Final = {(320, 288): 1, DEPTH_SIZE_PX: DEPTH_MODE}
+"""Values of the narrow field of view, by the images' size [px]."""
+COLOUR_BGRA: Final = 3
+COLOUR_720P: Final = 1
+"""Values of the colour images' format, and of their size, 1280 × 720 px."""
 FPS: Final = {5: 0, 15: 1, 30: 2}
 """Values by frame rate [Hz]."""
 PROCESSING: Final = {"gpu": 0, "cpu": 1, "cuda": 2, "tensorrt": 3, "directml": 4}
@@ -98,6 +104,17 @@ _FUNCTIONS: Final[Mapping[str, Mapping[str, tuple[Any, ...]]]] = {
     },
 }
 """Type of the result, then of the arguments, of each function that is called, by library."""
+_IMAGE_FUNCTIONS: Final[Mapping[str, tuple[Any, ...]]] = {
+    "k4a_capture_get_depth_image": (c_void_p, c_void_p),
+    "k4a_capture_get_color_image": (c_void_p, c_void_p),
+    "k4a_image_get_buffer": (c_void_p, c_void_p),
+    "k4a_image_get_width_pixels": (c_int, c_void_p),
+    "k4a_image_get_height_pixels": (c_int, c_void_p),
+    "k4a_image_get_stride_bytes": (c_int, c_void_p),
+    "k4a_image_get_device_timestamp_usec": (c_uint64, c_void_p),
+    "k4a_image_release": (None, c_void_p),
+}
+"""The same, of the functions of ``k4a`` that are called only to read images."""
 
 
 class Library(NamedTuple):
@@ -170,7 +187,22 @@ def load_libraries(folders: Iterable[Path] = ()) -> tuple[Any, Any]:
     return k4a, k4abt
 
 
-def _loaded(library: Library) -> Any:
+def load_camera_library(folders: Iterable[Path] = ()) -> Any:
+    """Load ``k4a`` alone, with the functions that read images.
+
+    Args:
+        folders: folders to search first, as in `find_libraries`.
+
+    Raises:
+        SettingsError: as `load_libraries`.
+    """
+    found = find_libraries(folders)["k4a"]
+    if found is None:
+        raise SettingsError(f"libk4a is not installed: {missing('k4a')}")
+    return _loaded(found, _IMAGE_FUNCTIONS)
+
+
+def _loaded(library: Library, more: Mapping[str, tuple[Any, ...]] = MappingProxyType({})) -> Any:
     if library.problem:
         raise SettingsError(f"{library.path} {library.problem}")
     mode = ctypes.RTLD_GLOBAL if library.name == "k4a" else ctypes.DEFAULT_MODE
@@ -179,7 +211,7 @@ def _loaded(library: Library) -> Any:
     except OSError as error:
         fix = f"install {_INSTALL[library.name]} completely, with what it needs"
         raise SettingsError(f"{library.path} cannot be loaded ({error}): {fix}") from error
-    for name, (result, *arguments) in _FUNCTIONS[library.name].items():
+    for name, (result, *arguments) in {**_FUNCTIONS[library.name], **more}.items():
         try:
             function = getattr(loaded, name)
         except AttributeError as error:

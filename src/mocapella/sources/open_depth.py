@@ -21,7 +21,8 @@ RAW: Final = "freenect"
 """The only kind of depth camera that can also give its raw disparities instead of depths."""
 RENDERED: Final = "rendered"
 KINDS: Final = (
-    "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, realsense:SERIAL, orbbec:0 or rendered:SCENE/SEED"
+    "16-bit PNGs or a folder of them, a take, openni:0, freenect:0, freenect2:0, realsense:SERIAL, orbbec:0, oak:0, "
+    "k4a:0 or rendered:SCENE/SEED"
 )
 
 

@@ -21,6 +21,7 @@ UInt8 = NDArray[np.uint8]
 
 IMAGES: Final = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 LIVE: Final = "camera:"
+_MOST_BOXES: Final = 10_000
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,12 @@ def open_video(path: Path) -> cv2.VideoCapture:
     Raises:
         InputError: it is no video, or its images have more than `MOST_PX` pixels.
     """
-    fix = "make it an MP4 (H.264) or AVI"
     try:
         capture = cv2.VideoCapture(str(path))
     except cv2.error as error:
-        raise InputError("is no video that can be read", file=path, fix=fix) from error
+        raise _no_video(path) from error
     if not capture.isOpened():
-        raise InputError("is no video that can be read", file=path, fix=fix)
+        raise _no_video(path)
     width, height = (capture.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if width * height > MOST_PX:
         capture.release()
@@ -120,6 +120,30 @@ def open_video(path: Path) -> cv2.VideoCapture:
             f"has images of {width:g} × {height:g} px", file=path, fix=f"at most {MOST_PX} pixels are read"
         )
     return capture
+
+
+def _no_video(path: Path) -> InputError:
+    if is_cut_off(path):
+        again = "copy it again, or let the camera finish the recording"
+        return InputError("is an MP4 that ends before its index: it is not whole", file=path, fix=again)
+    return InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
+
+
+def is_cut_off(path: Path) -> bool:
+    """Whether a file begins as an MP4 and ends before its index, the box ``moov`` (ISO 14496-12), or within a box."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        at = 0
+        kinds: list[bytes] = []
+        while at + 8 <= size and len(kinds) < _MOST_BOXES:
+            file.seek(at)
+            head = file.read(16)
+            kinds.append(head[4:8])
+            length = int.from_bytes(head[:4], "big")
+            if length == 1:
+                length = int.from_bytes(head[8:16], "big")
+            at = size if length == 0 else at + max(length, 8)  # 0: up to the file's end
+    return kinds[:1] == [b"ftyp"] and (b"moov" not in kinds or at > size)
 
 
 def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
@@ -136,7 +160,7 @@ def _video(path: Path, frames: Frames) -> Iterator[tuple[int, UInt8]]:
                 yield frame, np.asarray(image, dtype=np.uint8)
             frame += 1
         if frame == 0:
-            raise InputError("is no video that can be read", file=path, fix="make it an MP4 (H.264) or AVI")
+            raise _no_video(path)
     finally:
         capture.release()
 

@@ -1,4 +1,4 @@
-"""Depth cameras through their makers' packages; a package is imported only when such a camera is opened."""
+"""Depth cameras through their makers' packages or libraries; one is imported only when such a camera is opened."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ if TYPE_CHECKING:
 CAMERAS: Final = {
     "openni": ("openni", "OpenNiCamera", "0"),
     "freenect": ("freenect", "FreenectCamera", "0"),
+    "freenect2": ("freenect2", "Freenect2Camera", "0"),
     "realsense": ("realsense", "RealSenseCamera", ""),
     "orbbec": ("orbbec", "OrbbecCamera", "0"),
+    "oak": ("oak", "OakCamera", "0"),
+    "k4a": ("k4a", "K4aCamera", "0"),
 }
 """Module, class and default camera, by the kind of camera, which precedes the colon in a source's name."""
 

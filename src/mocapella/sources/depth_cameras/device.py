@@ -62,7 +62,9 @@ class DepthDevice(ABC):
 
     live = True
     packages: ClassVar[tuple[str, ...]]
-    """Modules that drive it; the first installed one is used."""
+    """Modules that drive it; the first installed one is used. Empty if `libraries` do."""
+    libraries: ClassVar[tuple[str, ...]] = ()
+    """Names of the vendor's C libraries that drive it, as of `mocapella.sources.k4a_libraries`."""
     install: ClassVar[str]
     """Instruction for the installation."""
 

@@ -21,10 +21,12 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from mocapella.decoding import own_toml
 from mocapella.errors import SettingsError, one_of
-from mocapella.geometry.rigid import rigid, rotation_about_z
+from mocapella.geometry.lens import project
+from mocapella.geometry.rigid import apply, rigid, rotation_about_x, rotation_about_y, rotation_about_z
 from mocapella.model.bvh import read_bvh
 from mocapella.model.camera import Camera, CameraRig, PlacedCamera
 from mocapella.settings import check, parse
@@ -106,6 +108,8 @@ class CameraRing:
         distortion: k1 k2 p1 p2 k3 of the lenses.
         readout_s: rolling-shutter time; larger: slower [s].
         roll_deg: standard deviation of the cameras' rotation about their axis; larger: less level [deg].
+        centre_sd: standard deviation of the principal points from the middle of the image, along each axis, as a share
+            of the longer side; larger: less centred [ratio].
 
     Raises:
         SettingsError: a value is invalid; names it and the valid values.
@@ -122,6 +126,7 @@ class CameraRing:
     distortion: tuple[float, float, float, float, float] = (-0.12, 0.05, 0.0005, -0.0005, 0.0)
     readout_s: float = 0.0
     roll_deg: float = 1.0
+    centre_sd: float = 0.0
 
     def __post_init__(self) -> None:
         check(1 <= self.count <= 32, "count", self.count, "from 1 to 32")
@@ -129,6 +134,7 @@ class CameraRing:
         check(all(16 <= side <= 8000 for side in self.size_px), "size_px", self.size_px, "16 to 8000 px each")
         check(10 <= self.focal_px <= 1e5, "focal_px", self.focal_px, "from 10 to 100,000 px")
         check(0 <= self.readout_s <= 0.1, "readout_s", self.readout_s, "from 0 to 0.1 s")
+        check(0 <= self.centre_sd <= 0.2, "centre_sd", self.centre_sd, "from 0 to 0.2")
 
 
 @dataclass(frozen=True)
@@ -158,9 +164,13 @@ class CrowdSettings:
         ring: the cameras.
         camera: timing and detector of all cameras.
         free_running: whether the cameras have phases and clocks of their own.
+        out_of_step: largest number of frames by which the capture of a camera is earlier or later than that of the
+            last camera, although the frames have one time; larger: worse synchronised [count].
         boxes, cylinders: what hides people.
         mirrors: mirrors that single cameras see.
         area: half width and half depth of the floor on which people wander [m].
+        rig_error_px: standard deviation of the error in the middle of the image that the tracker's rig has, half by its
+            directions and half by its positions; larger: worse calibrated [px].
         seed: random seed.
 
     Raises:
@@ -174,15 +184,19 @@ class CrowdSettings:
     ring: CameraRing = CameraRing()
     camera: KeypointCameraSettings = field(default_factory=KeypointCameraSettings)
     free_running: bool = False
+    out_of_step: int = 0
     boxes: tuple[Box, ...] = ()
     cylinders: tuple[Cylinder, ...] = ()
     mirrors: tuple[Mirror, ...] = ()
     area: tuple[float, float] = (2.0, 2.0)
+    rig_error_px: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
         check(0 < self.seconds <= 3600, "seconds", self.seconds, "above 0 and at most 3600 s")
         check(len(self.people) >= 1, "people", self.people, "one or more")
+        check(0 <= self.out_of_step <= 10, "out_of_step", self.out_of_step, "from 0 to 10")
+        check(0 <= self.rig_error_px <= 100, "rig_error_px", self.rig_error_px, "from 0 to 100 px")
         check(0 <= self.seed < 2**63, "seed", self.seed, "from 0 to 2**63 − 1")
 
 
@@ -193,12 +207,14 @@ class CrowdScene:
     Attributes:
         settings: as given.
         rig: the cameras with their true poses.
+        calibrated: the rig as a tracker gets it, with the errors of its calibration.
         room: the room in their view.
         cameras: the simulated cameras, in the order of the rig.
     """
 
     settings: CrowdSettings
     rig: CameraRig
+    calibrated: CameraRig
     room: SeenRoom
     cameras: tuple[SimulatedKeypointCamera, ...]
 
@@ -293,12 +309,12 @@ def build_crowd(settings: CrowdSettings) -> CrowdScene:
         )
         for c, placed in enumerate(rig.cameras.values())
     )
-    return CrowdScene(settings, rig, room, cameras)
+    return CrowdScene(settings, rig, _miscalibrated(rig, settings), room, cameras)
 
 
 def ring_rig(ring: CameraRing, seed: int = 0) -> CameraRig:
     """Place cameras on an arc; names are ``c1``, ``c2``, …. The world is y up, as the simulated rooms."""
-    rng = np.random.default_rng([seed, 3])
+    rng, of_lenses = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 11])
     centre, whole = np.array(ring.centre), ring.arc_deg >= 360
     cameras = {}
     for c in range(ring.count):
@@ -311,14 +327,53 @@ def ring_rig(ring: CameraRing, seed: int = 0) -> CameraRig:
         right = normalised(np.cross(ahead, np.array([0.0, 1.0, 0.0])))
         R = np.stack([right, np.cross(ahead, right), ahead])
         R = rotation_about_z(float(rng.normal(0.0, math.radians(ring.roll_deg)))) @ R
-        lens = np.array([ring.focal_px, ring.focal_px, ring.size_px[0] / 2 - 0.5, ring.size_px[1] / 2 - 0.5])
+        middle = np.array(ring.size_px) / 2 - 0.5 + of_lenses.normal(0.0, ring.centre_sd * max(ring.size_px), 2)
+        lens = np.array([ring.focal_px, ring.focal_px, *middle])
         name = f"c{c + 1}"
         camera = Camera(name, ring.size_px, np.concatenate([lens, ring.distortion]), ring.readout_s)
         cameras[name] = PlacedCamera(camera, rigid(R, -R @ eye), np.full((6, 6), np.nan))
     return CameraRig(cameras)
 
 
+def _miscalibrated(rig: CameraRig, settings: CrowdSettings) -> CameraRig:
+    """The rig with errors of directions and positions, which move the middle of each image by `rig_error_px`.
+
+    Errors that all cameras share move the world, which is no error: the rig's world is turned back to the true one.
+    """
+    if settings.rig_error_px == 0.0:
+        return rig
+    cameras, half = {}, settings.rig_error_px / settings.ring.focal_px / math.sqrt(2.0)
+    for c, (name, placed) in enumerate(rig.cameras.items()):
+        rng = np.random.default_rng([settings.seed, 7, c])
+        turn, shift = rng.normal(0.0, half, 3), rng.normal(0.0, half * settings.ring.radius, 3)
+        R = rotation_about_x(turn[0]) @ rotation_about_y(turn[1]) @ rotation_about_z(turn[2])
+        T = rigid(R, shift) @ placed.T_camera_world
+        cameras[name] = PlacedCamera(placed.camera, T, placed.covariance)
+    middle = np.array(settings.ring.centre)
+    points = middle + np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+
+    def world(x: Float64) -> Float64:
+        R = rotation_about_x(x[0]) @ rotation_about_y(x[1]) @ rotation_about_z(x[2])
+        return rigid(R, middle + x[3:] - R @ middle)
+
+    def apart(x: Float64) -> Float64:
+        rows = [
+            project(apply(cameras[name].T_camera_world @ world(x), points), one.camera.lens)
+            - project(apply(one.T_camera_world, points), one.camera.lens)
+            for name, one in rig.cameras.items()
+        ]
+        return np.concatenate(rows).ravel()
+
+    T_rig_world = world(least_squares(apart, np.zeros(6)).x)
+    return CameraRig({
+        name: PlacedCamera(one.camera, one.T_camera_world @ T_rig_world, one.covariance)
+        for name, one in cameras.items()
+    })  # fmt: skip
+
+
 def _timing(settings: CrowdSettings, camera: int) -> KeypointCameraSettings:
+    if settings.out_of_step > 0:
+        return _out_of_step(settings, camera)
     if not settings.free_running:
         return settings.camera
     rng, own = np.random.default_rng([settings.seed, 4, camera]), settings.camera
@@ -329,6 +384,15 @@ def _timing(settings: CrowdSettings, camera: int) -> KeypointCameraSettings:
         clock_drift_ppm=float(rng.normal(0, 30)),
         latency_s=own.latency_s + float(rng.uniform(0, 0.03)),
     )
+
+
+def _out_of_step(settings: CrowdSettings, camera: int) -> KeypointCameraSettings:
+    """The timing of a camera whose frames are some periods early or late, and arrive with those of the others."""
+    rng, own, most = np.random.default_rng([settings.seed, 8, camera]), settings.camera, settings.out_of_step
+    last = camera == settings.ring.count - 1
+    phase_s = (most if last else int(rng.integers(0, 2 * most + 1))) / own.hz
+    latency_s = own.latency_s + 2 * most / own.hz - phase_s
+    return dataclasses.replace(own, phase_s=phase_s, known_clock_s=most / own.hz - phase_s, latency_s=latency_s)
 
 
 def _motion(person: CrowdPerson, settings: CrowdSettings, index: int, others: list[Motion]) -> Motion:

@@ -50,6 +50,14 @@ _LOWER: Final = np.array([GROUPS[g] in ("hip", "knee", "ankle", "foot") for g in
 LEGS: Final = np.array([GROUPS[g] in ("knee", "ankle", "foot") for g in group_of()])
 """Whether each keypoint (26,) is of a leg below the hip."""
 _MIRROR: Final = np.array(HALPE.mirror)
+_LIMBS: Final = tuple(
+    np.array([HALPE.index(f"{side}{name}") for name in names])
+    for side in "LR"
+    for names in (("Elbow", "Wrist"), ("Knee", "Ankle", "BigToe", "SmallToe", "Heel"))
+)
+"""Keypoints of each arm and leg below the shoulder and the hip."""
+_REACH: Final = 0.4
+"""Mean distance of two people's keypoints in an image below which they may exchange a limb, relative to the size."""
 _CLOSE: Final = 0.12
 """Mean distance of two people's keypoints in an image below which they may be merged, relative to the size."""
 _FALSE_CONFIDENCE: Final = (0.05, 0.45)
@@ -65,7 +73,8 @@ class KeypointCameraSettings:
         jitter_s: standard deviation of the capture times; larger: less regular [s].
         clock_offset_s: the camera's clock minus the true time, at 0; larger: the clock is ahead [s].
         clock_drift_ppm: excess rate of the camera's clock; larger: faster [ppm].
-        known_clock_sd_s: standard deviation of the constant error of the times on the common clock; larger: worse [s].
+        known_clock_s: constant error of the times on the common clock; larger: frames seem later [s].
+        known_clock_sd_s: standard deviation of a further such error; larger: worse [s].
         latency_s: time from capture to arrival; larger: later [s].
         lost: probability that a frame is lost; larger: more [ratio].
         topology: name of the topology of the frames.
@@ -81,6 +90,7 @@ class KeypointCameraSettings:
     jitter_s: float = 0.0
     clock_offset_s: float = 0.0
     clock_drift_ppm: float = 0.0
+    known_clock_s: float = 0.0
     known_clock_sd_s: float = 0.0
     latency_s: float = 0.05
     lost: float = 0.0
@@ -93,6 +103,7 @@ class KeypointCameraSettings:
         check(0 <= self.phase_s <= 1, "phase_s", self.phase_s, "from 0 to 1 s")
         check(0 <= self.jitter_s <= 0.2 / self.hz, "jitter_s", self.jitter_s, "from 0 to a fifth of the period")
         check(0 <= self.latency_s <= 10, "latency_s", self.latency_s, "from 0 to 10 s")
+        check(abs(self.known_clock_s) <= 1, "known_clock_s", self.known_clock_s, "within ±1 s")
         check(0 <= self.known_clock_sd_s <= 1, "known_clock_sd_s", self.known_clock_sd_s, "from 0 to 1 s")
         check(abs(self.clock_drift_ppm) <= 1000, "clock_drift_ppm", self.clock_drift_ppm, "within ±1000 ppm")
         check(0 <= self.lost < 1, "lost", self.lost, "from 0 to below 1")
@@ -165,6 +176,15 @@ class _Bodies(msgspec.Struct, frozen=True, eq=False):
     towards: Float64
 
 
+class _MoreDraws(msgspec.Struct, frozen=True, eq=False):
+    """Random numbers of the faults that most scenes do not have: Gaussian, of variance 1; axes as of `_Draws`."""
+
+    error_px: Float64
+    unrelated: Float64
+    exchanged: Float64
+    limb: Float64
+
+
 _PERSON_DRAWS: Final = ("missed", "mirrored", "legs", "merged", "duplicate")
 
 
@@ -192,7 +212,7 @@ class SimulatedKeypointCamera:
         self.topology: Topology = named_topology(settings.topology)
         self._weights = keypoint_weights(settings.topology)
         self._rng = np.random.default_rng([seed, 1, index])
-        self._key = [seed, 2, index]
+        self._key, self._more_key = [seed, 2, index], [seed, 6, index]
         self._eye = inverse(placed.T_camera_world)[:3, 3]
         own = self._rng.normal(0.0, settings.known_clock_sd_s) if settings.known_clock_sd_s else 0.0
         count = max(0, int(np.ceil((duration_s - settings.phase_s) * settings.hz)))
@@ -200,7 +220,7 @@ class SimulatedKeypointCamera:
         times = settings.phase_s + np.arange(count) / settings.hz + jitter
         self._room_ns: Int64 = np.maximum(np.round(times * NS_PER_S), 0).astype(np.int64)
         self._lost: Bools = self._rng.random(count) < settings.lost
-        self._clock_error_ns = round(own * NS_PER_S)
+        self._clock_error_ns = round((own + settings.known_clock_s) * NS_PER_S)
 
     @property
     def name(self) -> str:
@@ -246,9 +266,22 @@ class SimulatedKeypointCamera:
         person = np.stack([self._lasting((frames, bodies), time) for time in times], axis=-1)
         return _Draws(error, confidence, tail, missing, taken, person)
 
-    def _lasting(self, shape: tuple[int, ...], frames: float) -> Float64:
+    @cached_property
+    def _more_draws(self) -> _MoreDraws | None:
+        """Random numbers of their own generator, so that scenes without these faults keep their bits."""
+        faults, hz = self.settings.faults, self.settings.hz
+        if not faults.noise_px + faults.exchanged_limbs + faults.unrelated_confidences > 0:
+            return None
+        shape, rng = (len(self._room_ns), self._bodies, len(HALPE)), np.random.default_rng(self._more_key)
+        data, gap = self.tables.data, faults.missed_s * hz
+        slow = np.sqrt(data.slow) * self._lasting((*shape, 2), data.slow_s * hz, rng)
+        error_px = slow + np.sqrt(1 - data.slow) * rng.standard_normal((*shape, 2))
+        unrelated, exchanged, limb = (self._lasting(some, gap, rng) for some in (shape, shape[:2], shape[:2]))
+        return _MoreDraws(error_px, unrelated, exchanged, limb)
+
+    def _lasting(self, shape: tuple[int, ...], frames: float, rng: np.random.Generator | None = None) -> Float64:
         """Gaussian numbers with a time constant in frames along the first axis."""
-        white = self._rng.standard_normal(shape)
+        white = (rng or self._rng).standard_normal(shape)
         kept = float(np.exp(-1.0 / max(frames, 1e-3)))
         if len(white) < 2:
             return white
@@ -352,6 +385,7 @@ class SimulatedKeypointCamera:
         for i in np.flatnonzero(legs):
             order = np.where(LEGS, _MIRROR, np.arange(len(HALPE)))
             pixels[i], confidences[i] = pixels[i][order], confidences[i][order]
+        self._exchange_limbs(k, seen, there, pixels, confidences)
         self._merge(seen, chance[:, 3] < faults.merged, there, pixels, confidences)
         found = np.flatnonzero(there & np.isfinite(pixels[..., 0]).any(axis=1))
         rows, sure, owners = [pixels[found]], [confidences[found]], [numbers[found]]
@@ -385,6 +419,11 @@ class SimulatedKeypointCamera:
         taken = (seen.states == 2) & some & np.isfinite(front[..., 0])  # the same keypoint of the person in front
         at = np.where(taken[..., None], front, seen.pixels)
         pixels = at + draws.error[k] * (sd * seen.sizes[:, None])[..., None]
+        more = self._more_draws
+        if more is not None:
+            pixels = pixels + faults.noise_px * more.error_px[k]
+            unrelated, share = ndtr(more.unrelated[k]), faults.unrelated_confidences
+            confidences = np.where(unrelated < share, unrelated / max(share, 1e-9), confidences)
         if faults.step_px > 0:
             pixels = np.round(pixels / faults.step_px) * faults.step_px
         absent = tables.missing[seen.states, group] if faults.noise > 0 else np.zeros(seen.states.shape)
@@ -401,6 +440,22 @@ class SimulatedKeypointCamera:
         nearest = np.argmin(apart, axis=1)
         found = np.isfinite(apart[np.arange(len(apart)), nearest])
         return np.where(found[:, None, None], seen.pixels[nearest], np.nan)
+
+    def _exchange_limbs(self, k: int, seen: _Bodies, there: Bools, pixels: Float64, confidences: Float64) -> None:
+        """Exchange an arm or a leg of two people who are close in the image."""
+        more, faults = self._more_draws, self.settings.faults
+        if more is None:
+            return
+        for i in np.flatnonzero(there & (ndtr(more.exchanged[k]) < faults.exchanged_limbs)):
+            apart = np.linalg.norm(np.nan_to_num(seen.pixels - seen.pixels[i], nan=1e6), axis=-1).mean(axis=1)
+            apart[i] = np.inf
+            apart[~there] = np.inf
+            j = int(np.argmin(apart))
+            if not apart[j] < _REACH * seen.sizes[i]:
+                continue
+            limb = _LIMBS[min(int(ndtr(more.limb[k, i]) * len(_LIMBS)), len(_LIMBS) - 1)]
+            for values in (pixels, confidences):
+                values[i, limb], values[j, limb] = values[j, limb].copy(), values[i, limb].copy()
 
     def _merge(self, seen: _Bodies, may: Bools, there: Bools, pixels: Float64, confidences: Float64) -> None:
         """Give the legs of the person behind to the one in front, and drop the one behind, where both are close."""

@@ -32,6 +32,12 @@ class KeypointFaults:
             both; larger: more [ratio].
         duplicates: probability that a detected person is detected twice; larger: more [ratio].
         false_per_image: mean number of detections that are no person; larger: more [1/image].
+        noise_px: standard deviation of a further error that does not depend on the size, as of small people in a coarse
+            image; larger: less accurate [px].
+        exchanged_limbs: probability that two people whose keypoints are close in the image exchange an arm or a leg;
+            larger: more [ratio].
+        unrelated_confidences: probability that a keypoint's confidence has nothing to do with its error; larger: more
+            [ratio].
         step_px: coordinates are rounded to multiples of it, 0 for none; larger: coarser [px].
         least_px: least stature in the image at which a person is detected; larger: fewer people [px].
 
@@ -51,19 +57,24 @@ class KeypointFaults:
     merged: float = 0.1
     duplicates: float = 0.005
     false_per_image: float = 0.05
+    noise_px: float = 0.0
+    exchanged_limbs: float = 0.0
+    unrelated_confidences: float = 0.0
     step_px: float = 0.0
     least_px: float = 25.0
 
     def __post_init__(self) -> None:
         for name in ("noise", "hidden_noise"):
             check(0 <= getattr(self, name) <= 20, name, getattr(self, name), "from 0 to 20")
-        for name in ("hidden_missing", "taken", "legs_mirrored", "merged", "duplicates"):
+        shares = ("hidden_missing", "taken", "legs_mirrored", "merged", "duplicates")
+        for name in (*shares, "exchanged_limbs", "unrelated_confidences"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         for name in ("mirrored", "missed"):
             check(all(0 <= one <= 1 for one in getattr(self, name)), name, getattr(self, name), "each from 0 to 1")
         for name in ("mirrored_s", "missed_s"):
             check(0 < getattr(self, name) <= 60, name, getattr(self, name), "above 0 and at most 60 s")
         check(0 <= self.false_per_image <= 20, "false_per_image", self.false_per_image, "from 0 to 20")
+        check(0 <= self.noise_px <= 64, "noise_px", self.noise_px, "from 0 to 64 px")
         check(0 <= self.step_px <= 64, "step_px", self.step_px, "from 0 to 64 px")
         check(0 <= self.least_px <= 1000, "least_px", self.least_px, "from 0 to 1000 px")
 
