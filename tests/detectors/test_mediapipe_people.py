@@ -38,6 +38,19 @@ def test_guesses_far_outside_of_the_image_are_not_seen(x: float, seen: bool) -> 
     assert bool(found.confidences.any()) == seen
 
 
+@pytest.mark.parametrize(("nose_z", "seen"), [(-0.1, True), (0.1, False)])
+def test_a_face_that_looks_away_is_not_seen(nose_z: float, seen: bool) -> None:
+    world = marks(0.0, 0.0)
+    for one in world:
+        one.z = 0.0
+    world[POSE.index("NOSE")].z = nose_z
+    found = one_seen(marks(0.5, 0.5), world, (640, 480))
+    hidden = {name for name, sure in zip(POSE.joints, found.confidences, strict=True) if sure == 0}
+    face = {name for name in POSE.joints if name == "NOSE" or "EYE" in name or "MOUTH" in name}
+    assert hidden == (set() if seen else face)
+    assert np.isfinite(found.positions_px).all(axis=1).sum() == 33 - len(hidden)
+
+
 def test_what_is_missing_is_named_with_its_remedy() -> None:
     assert "--extra mediapipe" in missing({"cv2": True, "mediapipe": False})
     assert "--extra cameras" in missing({"cv2": False, "mediapipe": True})

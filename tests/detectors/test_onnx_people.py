@@ -62,6 +62,21 @@ def test_another_kind_of_network_is_refused_with_what_fits(inputs: Any, outputs:
         network_of(FILE, inputs, outputs, nothing)
 
 
+def test_sizes_that_a_file_does_not_state_are_those_of_a_black_image() -> None:
+    seen: list[Any] = []
+
+    def run(values: np.ndarray) -> Sequence[Any]:
+        seen.append((values.shape, float(np.abs(values).max())))
+        return [np.zeros((1, 26, 384), np.float32), np.zeros((1, 26, 512), np.float32)]
+
+    named = (("simcc_x", ("batch", "MatMulsimcc_x_dim_1", 384)), ("simcc_y", ("batch", "MatMulsimcc_x_dim_1", 512)))
+    found = network_of(FILE, [IMAGE], named, run)
+    assert (found.topology.name, found.one_stage, seen) == ("halpe_26", False, [((1, 3, 256, 192), 0.0)])
+    heat = (("heatmaps", ("batch", "joints", "h", "w")), ("tags", ("batch", 17, "h", "w")))
+    with pytest.raises(InputError, match="another kind"):
+        network_of(FILE, [IMAGE], heat, lambda values: [np.zeros((1, 17, 64, 48))] * 2)
+
+
 def squares(image: np.ndarray) -> Sequence[Any]:
     """A top-down network that sees the brightest place of its crop as all keypoints around it."""
     red = image[0, 0]
@@ -156,6 +171,11 @@ def test_files_of_models_are_opened_and_others_refused(tmp_path: Path) -> None:
     assert finds.topology is topology("halpe_26")
     seen = finds.update(np.zeros((160, 160, 3), np.uint8), 0.0)
     np.testing.assert_allclose(seen.positions_px, points[..., :2].reshape(1, 26, 2), atol=1e-5)
+    simcc = {"simcc_x": np.zeros((1, 133, 320), np.float32), "simcc_y": np.zeros((1, 133, 320), np.float32)}
+    rtmo = {"dets": boxes, "keypoints": points}
+    for name, outputs, kind in (("rtmw", simcc, "coco_wholebody_133"), ("free-rtmo", rtmo, "halpe_26")):
+        (tmp_path / f"{name}.onnx").write_bytes(model((160, 160), outputs, free=True))
+        assert make_keypoint_detector("onnx", None, tmp_path / f"{name}.onnx").topology is topology(kind)
     (tmp_path / "grey.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, channels=1))
     (tmp_path / "free.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, fixed=False))
     (tmp_path / "bad.onnx").write_bytes(b"no model")

@@ -144,3 +144,31 @@ def test_an_unsure_person_is_nobody() -> None:
     slots = PeopleSlots(Unsure, SlotSettings(least_confidence=0.5))
     assert places(slots, picture((20, 20)), 0.0) == {}
     assert places(PeopleSlots(Unsure, SlotSettings(least_confidence=0.3)), picture((20, 20)), 0.0) == {0: (20, 20)}
+
+
+def test_a_person_who_was_lost_is_searched_at_once_where_expected() -> None:
+    slots = PeopleSlots(BlobDetector, SlotSettings(most_people=3, search_every_s=5.0))
+    places(slots, picture((20, 20), (220, 20)), -0.1)
+    assert len(places(slots, picture((20, 20), (220, 20)), 0.0)) == 2
+    assert len(places(slots, picture((20, 20)), 0.1)) == 1  # the other one is hidden
+    box = np.array([[280, 60, 340, 120]], np.float32)
+    assert len(places(slots, picture((20, 20), (300, 80)), 0.2)) == 1  # nobody says where
+    assert len(places(slots, picture((20, 20), (300, 80)), 0.3, regions_px=box)) == 2
+
+
+def test_where_nobody_is_found_is_not_searched_in_each_image() -> None:
+    BlobDetector.made = 0
+    slots = PeopleSlots(BlobDetector, SlotSettings(most_people=2, search_every_s=1.0))
+    calls: list[int] = []
+    search = slots._search
+    slots._search = lambda image: (calls.append(1), search(image))[1]  # type: ignore[method-assign,func-returns-value]
+    box = np.array([[280, 60, 340, 120]], np.float32)
+    places(slots, picture((20, 20)), 0.0, regions_px=box)
+    first = len(calls)
+    for k in range(1, 10):
+        places(slots, picture((20, 20)), 0.1 * k, regions_px=box)
+    assert len(calls) - first <= 2
+    full = PeopleSlots(BlobDetector, SlotSettings(most_people=1))
+    places(full, picture((20, 20)), 0.0)
+    full._search = lambda image: pytest.fail("there is no free instance")  # type: ignore[method-assign]
+    places(full, picture((20, 20)), 1.0, regions_px=box)

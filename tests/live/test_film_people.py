@@ -7,11 +7,11 @@ import pytest
 from support.known_people import RIG, KnownPeople, brightness, joints_at, placed
 
 from mocapella.library.keypoint_tracking import rig_with_y_up, wrong_up
-from mocapella.live.film_people import FilmPeople, expected_regions
+from mocapella.live.film_people import FilmPeople
 from mocapella.model.observations import JointState
-from mocapella.model.scene import Person, Phase, Scene, TrackerState
-from mocapella.model.topology import topology
+from mocapella.model.scene import Person
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.expected_regions import expected_regions
 from mocapella.tracker.webcams import WebcamsTracker
 
 HZ = 20.0
@@ -23,10 +23,9 @@ def films(count: int, black: str = "") -> list[FrameSet]:
     return [FrameSet.at_rate(k, HZ, images) for k in range(count)]
 
 
-def scene_of(*joints: np.ndarray) -> Scene:
+def people_at(*joints: np.ndarray) -> tuple[Person, ...]:
     states = np.full(26, JointState.TRACKED, np.uint8)
-    people = tuple(Person(k, one, states, ()) for k, one in enumerate(joints))
-    return Scene(0, 1, "a", 1, 0, topology("halpe_26"), TrackerState(Phase.TRACKING), {"people": people}, ())
+    return tuple(Person(k, one, states, ()) for k, one in enumerate(joints))
 
 
 def test_a_walking_person_is_tracked_and_expected() -> None:
@@ -68,7 +67,7 @@ def test_a_camera_that_sees_nobody_is_counted() -> None:
 @pytest.mark.parametrize("camera", [0, 1, 2])
 def test_a_region_holds_the_persons_joints_in_the_image(camera: int) -> None:
     one = placed(camera)
-    (box,) = expected_regions(scene_of(joints_at(0.2)), one)
+    (box,) = expected_regions(people_at(joints_at(0.2)), one)
     seen = KnownPeople().update(np.full((2, 2, 3), brightness(camera), np.uint8), 0.2).positions_px[0]
     assert (seen >= box[:2]).all()
     assert (seen <= box[2:]).all()
@@ -78,5 +77,5 @@ def test_nobody_is_expected_behind_the_camera_or_outside_of_its_image() -> None:
     one = placed(0)
     behind = joints_at(0.0) + np.array([0.0, 0.0, 10.0])
     aside = joints_at(0.0) + np.array([30.0, 0.0, 0.0])
-    assert expected_regions(scene_of(behind, aside), one).shape == (0, 4)
-    assert expected_regions(scene_of(), one).shape == (0, 4)
+    assert expected_regions(people_at(behind, aside), one).shape == (0, 4)
+    assert expected_regions(people_at(), one).shape == (0, 4)

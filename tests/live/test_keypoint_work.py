@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.known_people import KnownPeople, brightness, joints_at, placed
 
-from mocapella.errors import NotNowError
+from mocapella.errors import NotNowError, WireError
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
 from mocapella.live.camera_node import WARN_AFTER_S
@@ -16,6 +16,7 @@ from mocapella.live.keypoint_work import KeypointWork, dead
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
 from mocapella.testing import FakeCamera
+from mocapella.wire.expected import write_expected
 
 
 def keypoint_work() -> KeypointWork:
@@ -51,6 +52,24 @@ def test_what_is_too_old_is_not_sent_and_counted(took_s: float, age_s: float) ->
     assert made.report()["p99_ms"] == pytest.approx(1e3 * age_s)
 
 
+def test_the_detector_searches_where_people_were_expected_a_short_time_ago() -> None:
+    finds = KnownPeople()
+    made = KeypointWork("left", Acquisition(FakeCamera(name="nothing")), finds)
+    made.look(grey(brightness(1), 3))
+    made.expect(write_expected(1 + 3 * 10**8, np.array([[1, 2, 30, 40]], np.float32)))
+    for number in (4, 8, 9, 2):  # 0.1, 0.5, 0.6 and −0.1 s later
+        made.look(grey(brightness(1), number))
+    assert [None if one is None else one.tolist() for one in finds.regions] == [
+        None, [[1, 2, 30, 40]], [[1, 2, 30, 40]], None, None,
+    ]  # fmt: skip
+    made.expect(write_expected(1 + 9 * 10**8, np.empty((0, 4), np.float32)))
+    made.look(grey(brightness(1), 10))
+    assert finds.regions[-1].shape == (0, 4)
+    assert made.report()["with_expected"] == 2
+    with pytest.raises(WireError, match="expected people"):
+        made.expect(b"people")
+
+
 def test_skipped_images_are_reported_as_a_share_with_advice() -> None:
     camera = FakeCamera()
     with Acquisition(camera) as acquisition:
@@ -65,7 +84,24 @@ def test_skipped_images_are_reported_as_a_share_with_advice() -> None:
         list(made.warnings(0.0))
         (text,) = [one for one in made.warnings(WARN_AFTER_S + 1) if "skipped" in one]
         assert "50 % of the images are skipped" in text
+        assert "drop_after_ms" not in text
         assert "50.0 % skipped" in made.words()
+
+
+def test_a_detector_that_is_too_slow_for_every_image_is_told_of_the_limit() -> None:
+    """Nothing at all is sent then, and a faster camera does not help."""
+    with Acquisition(FakeCamera()) as acquisition:
+        made = KeypointWork("left", acquisition, KnownPeople())
+        for number in range(4):
+            acquisition._put(grey(60, number))
+            picture = acquisition.take(0.0)
+            assert picture is not None
+            made.look(picture)
+            assert not made.in_time(0.7, 0.75, 0.2)
+        list(made.warnings(0.0))
+        (text,) = [one for one in made.warnings(WARN_AFTER_S + 1) if "skipped" in one]
+    assert "keypoints older than 200 ms are not sent, and a detection takes 700 ms" in text
+    assert "--set drop_after_ms=1000" in text
 
 
 @pytest.mark.parametrize(

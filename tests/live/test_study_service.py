@@ -391,6 +391,33 @@ def test_what_is_shown_follows_the_time_and_is_not_made_for_each_frame(waits: li
         room.service.close()
 
 
+def test_the_map_shows_where_the_first_step_begins_before_the_task(room: Room) -> None:
+    room.do("begin", participant="P01")
+    assert room.status.block.here == ()
+    room.do("next")
+    assert room.status.phase == "instruction"
+    assert (room.status.block.here, room.status.block.next) == (("middle",), ())
+    assert [point.name for point in room.status.block.points] == ["middle", "front"]
+    while room.status.plan[room.status.part].title != "sit":
+        room.do("next", forced="yes")
+    assert [point.name for point in room.status.block.points] == ["middle"]  # points of other tasks are left out
+
+
+def test_a_tone_is_that_of_the_step_and_at_the_end_that_of_the_last(room: Room) -> None:
+    room.do("begin", participant="P01")
+    heard = []
+    for _ in range(20):
+        room.do("next", forced="yes")
+        heard.append((room.status.plan[room.status.part].title, room.status.phase, room.status.tone_hz))
+        if room.status.phase == "between" and room.status.part == 1:
+            break
+    assert heard == [
+        ("stand", "instruction", None), ("stand", "running", None), ("stand", "running", None),
+        ("stand", "between", None),
+        ("sit", "instruction", None), ("sit", "running", 880), ("sit", "between", 880),
+    ]  # fmt: skip
+
+
 def test_without_an_interrupted_session_nothing_goes_on(room: Room) -> None:
     assert room.service.go_on() == ""
 

@@ -552,3 +552,22 @@ def test_the_record_path_has_no_messages_but_queries_of_the_server(user: str) ->
     }
     answers = {("declare_queryable", "ingress"), ("reply", "ingress"), ("query", "egress")}
     assert allowed == (answers if user.startswith(SENSOR) else set())
+
+
+@pytest.mark.parametrize("user", ALL_USERS)
+def test_only_a_sensors_own_node_is_told_where_people_are_expected(user: str) -> None:
+    found = access_control(["front"])
+    (ids,) = (policy["rules"] for policy in found["policies"] if policy["subjects"] == [user])
+    rules = [
+        (rule["permission"], rule["flows"], rule["messages"], [key for key in rule["key_exprs"] if "/expect/" in key])
+        for rule in found["rules"]
+        if rule["id"] in ids and any("/expect/" in key for key in rule["key_exprs"])
+    ]
+    own = "*" if user == SENSOR else "front"
+    allowed = [
+        ("allow", ["ingress"], ["declare_subscriber"], [f"mocapella/v1/expect/{own}/*"]),
+        ("allow", ["egress"], ["put"], [f"mocapella/v1/expect/{own}/*"]),
+    ]
+    front = ["mocapella/v1/expect/front/*"]
+    denied = [("deny", ["ingress"], ["declare_subscriber"], front), ("deny", ["egress"], ["put"], front)]
+    assert rules == ([] if not user.startswith(SENSOR) else [*allowed, *denied] if user == SENSOR else allowed)

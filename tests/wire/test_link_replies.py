@@ -302,6 +302,7 @@ def server() -> Any:
     nonsense: list[str] = []
     link.on_nonsense = nonsense.append
     link.errors = SimpleNamespace(wrap=lambda _, callback: callback)  # type: ignore[assignment]
+    link._connected, link._expected = set(), {}
     return SimpleNamespace(link=link, nonsense=nonsense)
 
 
@@ -335,6 +336,25 @@ def test_a_token_says_whether_a_node_is_there(server: Any, kind: Any, alive: boo
     watch(SimpleNamespace(key_expr="no/key", kind=kind))
     assert told == [("front", alive)]
     assert len(server.nonsense) == 1
+
+
+def test_a_publisher_of_expected_people_lasts_as_long_as_its_node_is_connected(server: Any) -> None:
+    node, declared, undeclared = keys.NodeKey("front", 5), [], []
+
+    def declare(key: str, **_: object) -> Any:
+        declared.append(key)
+        return SimpleNamespace(matching_status=True, undeclare=lambda: undeclared.append(key))
+
+    server.link._session = SimpleNamespace(declare_publisher=declare)
+    watch = server.link._watching(lambda *_: None)
+    token = keys.of_node("alive/sensor", node)
+    assert not server.link.awaits_expected(node)
+    watch(SimpleNamespace(key_expr=token, kind=zenoh.SampleKind.PUT))
+    assert server.link.awaits_expected(node)
+    assert server.link.awaits_expected(node)
+    watch(SimpleNamespace(key_expr=token, kind=zenoh.SampleKind.DELETE))
+    assert not server.link.awaits_expected(node)  # a late frame makes none
+    assert declared == undeclared == [keys.of_node("expect", node)]
 
 
 @pytest.mark.parametrize(

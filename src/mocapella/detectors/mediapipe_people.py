@@ -30,6 +30,19 @@ FOUND: Final = 0.5
 """MediaPipe's own threshold of a person [0 to 1]."""
 
 
+def _indices(*names: str) -> list[int]:
+    return [topology(TOPOLOGY).index(name) for name in names]
+
+
+(NOSE,) = _indices("NOSE")
+EARS: Final = _indices("LEFT_EAR", "RIGHT_EAR")
+FACE: Final = [
+    NOSE, *_indices("MOUTH_LEFT", "MOUTH_RIGHT"),
+    *_indices(*(f"{side}_EYE{part}" for side in ("LEFT", "RIGHT") for part in ("_INNER", "", "_OUTER"))),
+]  # fmt: skip
+"""Keypoints that the head hides from behind."""
+
+
 class MediaPipePeople:
     """Keypoints of several people: a `PeopleDetector` with one instance of MediaPipe Pose for each.
 
@@ -148,7 +161,9 @@ class _OnePose:
 def one_seen(marks: Any, world: Any, size_px: tuple[int, int]) -> OneSeen:
     """Return a person's keypoints from MediaPipe's landmarks.
 
-    The confidence is visibility times presence. Keypoints too far outside of the image (`OUTSIDE`) are not seen.
+    The confidence is visibility times presence. Keypoints too far outside of the image (`OUTSIDE`) are not seen, and
+    neither is a face that looks away from the camera: MediaPipe guesses it with full confidence. It does so if the
+    nose is farther from the camera than the middle of the ears.
 
     Args:
         marks: landmarks with x and y, 0 to 1 from edge to edge of the image, and visibility and presence, 0 to 1.
@@ -161,8 +176,10 @@ def one_seen(marks: Any, world: Any, size_px: tuple[int, int]) -> OneSeen:
     beyond = np.maximum(-positions, positions - (size - 1)).max(axis=-1)
     sure = np.clip(values[:, 2] * values[:, 3], 0.0, 1.0)
     sure[(beyond > OUTSIDE * size.max()) | ~np.isfinite(positions).all(axis=-1)] = 0.0
-    positions[sure == 0] = np.nan
     relative = np.array([(m.x, m.y, m.z) for m in world], np.float32)
+    if relative[NOSE, 2] > relative[EARS, 2].mean():
+        sure[FACE] = 0.0
+    positions[sure == 0] = np.nan
     return OneSeen(positions, sure.astype(np.float32), relative)
 
 

@@ -112,7 +112,10 @@ def open_model(path: Path, threads: int = 0) -> PoseNetwork:
         raise InputError("is no ONNX model that can be read", file=path, fix=f"give {FITS}") from error
     inputs = [(one.name, one.type, one.shape) for one in session.get_inputs()]
     outputs = [(one.name, one.shape) for one in session.get_outputs()]
-    return network_of(path, inputs, outputs, lambda values: session.run(None, {inputs[0][0]: values}))
+    try:
+        return network_of(path, inputs, outputs, lambda values: session.run(None, {inputs[0][0]: values}))
+    except (*faults, state.RuntimeException, RuntimeError) as error:
+        raise InputError(f"fails on a black image ({_first_line(error)})", file=path, fix=f"give {FITS}") from error
 
 
 def network_of(
@@ -123,8 +126,9 @@ def network_of(
     Args:
         path: its file, for messages.
         inputs: name, type such as ``tensor(float)`` and shape of each input; a size that is not fixed is no int.
-        outputs: name and shape of each output.
-        run: runs the network.
+        outputs: name and shape of each output; a size that is not fixed is no int.
+        run: runs the network; with sizes of outputs that are not fixed, as MMDeploy exports them, it runs once on a
+            black image, which tells them.
 
     Raises:
         InputError: it is of another kind; names the fault, and the kinds that fit.
@@ -142,6 +146,9 @@ def network_of(
         raise refuse(f"takes images of {width} × {height} px; a fixed size is needed")
     if len(outputs) != 2:
         raise refuse(f"gives {len(outputs)} outputs ({', '.join(name for name, _ in outputs)}), not two")
+    if not _sizes_known([shape for _, shape in outputs]):
+        made = run(np.zeros((1, 3, height, width), np.float32))
+        outputs = [(name, np.shape(values)) for (name, _), values in zip(outputs, made, strict=True)]
     ranks = [len(shape) for _, shape in outputs]
     if sorted(ranks) == [3, 4]:
         first = ranks.index(3)
@@ -282,3 +289,13 @@ def _topology(count: Any, refuse: Callable[[str], InputError]) -> Topology:
         known = ", ".join(map(str, TOPOLOGIES))
         raise refuse(f"gives {count} keypoints; networks of {known} keypoints are read")
     return topology(TOPOLOGIES[count])
+
+
+def _sizes_known(shapes: Sequence[Sequence[Any]]) -> bool:
+    """Whether the sizes that tell a network's kind and keypoints are stated; the number of people need not be."""
+    one_stage = sorted(map(len, shapes)) == [3, 4]
+    return all(len(shape) and all(isinstance(n, int) for n in shape[2 if one_stage else 1 :]) for shape in shapes)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

@@ -89,7 +89,7 @@ class PeopleSlots:
         self._slots: list[_Slot] = []
         self._free: list[OnePersonDetector] = []
         self._made = self._next_id = 0
-        self._searched_s = -np.inf
+        self._searched_s = self._missed_s = -np.inf
 
     def update(self, image: UInt8, at_s: float, regions_px: Float32 | None = None) -> SeenPeople | None:
         """Return the people in the next image, in the order of their discovery; None for a free instance.
@@ -106,13 +106,10 @@ class PeopleSlots:
             else:
                 slot.detector.forget()
                 self._free.append(slot.detector)
+        if len(kept) < len(self._slots):
+            self._missed_s = -np.inf  # search at once where somebody who was just lost is expected
         self._slots = kept
-        if not self._slots or not 0 <= at_s - self._searched_s < self._settings.search_every_s:
-            expected = [] if regions_px is None else list(regions_px)
-            missing = [region for region in expected if covered(region, self._boxes()) < MOST_COVERED]
-            found = [self._search(only(image, region)) for region in missing]
-            if not any(found) and not self._search(without(image, self._boxes())):
-                self._searched_s = at_s
+        self._look_for_others(image, at_s, [] if regions_px is None else list(regions_px))
         if not self._slots:
             return None
         seen = [slot.seen for slot in self._slots]
@@ -128,7 +125,25 @@ class PeopleSlots:
         for slot in self._slots:
             slot.detector.forget()
             self._free.append(slot.detector)
-        self._slots, self._next_id, self._searched_s = [], 0, -np.inf
+        self._slots, self._next_id = [], 0
+        self._searched_s = self._missed_s = -np.inf
+
+    def _look_for_others(self, image: UInt8, at_s: float, regions_px: list[Float32]) -> None:
+        """Search for further people: where they are expected, else where nobody is found yet."""
+        if not self._free and self._made >= self._settings.most_people:
+            return
+        missing = [region for region in regions_px if covered(region, self._boxes()) < MOST_COVERED]
+        if missing and self._due(at_s, self._missed_s):
+            found = [self._search(only(image, region)) for region in missing]
+            if any(found):
+                return
+            self._missed_s = at_s
+        if self._due(at_s, self._searched_s) and not self._search(without(image, self._boxes())):
+            self._searched_s = at_s
+
+    def _due(self, at_s: float, last_s: float) -> bool:
+        """Whether a search is due, after the last one without a further person."""
+        return not self._slots or not 0 <= at_s - last_s < self._settings.search_every_s
 
     def _followed(self, slot: _Slot, image: UInt8, earlier: list[_Slot]) -> bool:
         seen = slot.detector.follow(image)

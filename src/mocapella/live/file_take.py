@@ -46,11 +46,19 @@ class FileTake:
         Raises:
             DiskFullError, RecordingError: earlier flushed frames are safe.
         """
+        self.write_frame(frame, arrival)
+        self._writer.write_scene(encode_scene(scene), arrival.at_ns)
+
+    def write_frame(self, frame: SensorFrame, arrival: Arrival) -> None:
+        """Write a frame that is not tracked, with the arrival's time as log time.
+
+        Raises:
+            DiskFullError, RecordingError: earlier flushed frames are safe.
+        """
         self._writer.write_frame(
             encode_frame(frame), sensor=frame.sensor, node_id=frame.node_id, sequence=frame.sequence,
             log_ns=arrival.at_ns,
         )  # fmt: skip
-        self._writer.write_scene(encode_scene(scene), arrival.at_ns)
         self._since += 1
         if self._since >= FLUSH_EVERY:
             self._since = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.detectors.keypoint_detector import PeopleDetector, frame_of
-from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply
 from mocapella.model.camera import PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
-from mocapella.model.observations import Arrival, JointState
+from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
 from mocapella.model.topology import topology
 from mocapella.sources.frame_set import FrameSet
+from mocapella.tracker.expected_regions import expected_regions
 from mocapella.tracker.protocol import Tracker
 
 Float32 = NDArray[np.float32]
@@ -30,10 +29,6 @@ _NECK: Final = _HALPE.index("Neck")
 _ANKLES: Final = _HALPE.index("LAnkle"), _HALPE.index("RAnkle")
 FILM_NODE: Final = 1
 """Id of the node of a film's frames."""
-FEWEST: Final = 6
-"""Least number of known joints in an image of a person expected there."""
-MARGIN: Final = 0.15
-"""Margin of the box of an expected person, part of its longer side."""
 Record = Callable[[KeypointFrame, Arrival, Scene], None]
 
 
@@ -44,7 +39,7 @@ class FilmCounts(msgspec.Struct, frozen=True):
         instants: number of instants, with an image of each camera.
         images: number of images by camera.
         with_people: number of images by camera with a detected person.
-        tracked: number of instants with a tracked person.
+        tracked: number of instants with a tracked person or hand.
         most_people: largest number of people tracked at once.
         ids: number of different people.
     """
@@ -70,6 +65,7 @@ class FilmPeople:
         record: receives each frame with its arrival and scene.
 
     Attributes:
+        frames: the keypoint frames of the last instant.
         upright: (3,) sum of the vectors from the ankles to the neck of all people so far, world [m].
     """
 
@@ -86,6 +82,7 @@ class FilmPeople:
         self._ids: set[int] = set()
         self._images: dict[str, int] = dict.fromkeys(detectors, 0)
         self._seen: dict[str, int] = dict.fromkeys(detectors, 0)
+        self.frames: list[KeypointFrame] = []
         self.upright: Float64 = np.zeros(3)
 
     def steps(self, films: Iterable[FrameSet]) -> Iterator[Scene]:
@@ -101,12 +98,14 @@ class FilmPeople:
         """
         at_ns = shown.time_ns + 1  # a time of 0 is unknown
         scene = self._scene
+        self.frames = []
         for name, image in shown.images.items():
             placed = self._cameras.get(name)
             regions = None
             if placed is not None and self._scene is not None:
-                regions = expected_regions(self._scene, placed)
+                regions = expected_regions(self._scene.people, placed)
             frame = _detected(self._detectors[name], name, image, at_ns, self._images[name], regions=regions)
+            self.frames.append(frame)
             self._images[name] += 1
             self._seen[name] += bool(frame.bodies)
             arrival = Arrival(frame, at_ns)
@@ -115,7 +114,7 @@ class FilmPeople:
         assert scene is not None  # there is an image
         self._scene = scene
         self._instants += 1
-        self._tracked += bool(scene.people)
+        self._tracked += bool(scene.people or scene.hands)
         self._most = max(self._most, len(scene.people))
         self._ids |= {person.id for person in scene.people}
         for person in scene.people:
@@ -163,26 +162,3 @@ def _detected(
     seen = finds.update(image, at_ns / NS_PER_S, regions)
     made = frame_of(seen, finds.topology, camera, at_ns, (image.shape[1], image.shape[0]))
     return msgspec.structs.replace(made, node_id=FILM_NODE, sequence=sequence)
-
-
-def expected_regions(scene: Scene, placed: PlacedCamera) -> Float32:
-    """Return the boxes (people, 4) left, top, right, bottom of a scene's people in a camera's image [px].
-
-    A person with too few known joints in the image (`FEWEST`) is left out.
-
-    Args:
-        scene: the last scene, world [m].
-        placed: the camera.
-    """
-    boxes: list[Any] = []
-    size = np.array(placed.camera.size_px, np.float64)
-    for person in scene.people:
-        known = np.asarray(person.states) != JointState.NOT_TRACKED
-        pixels = project(apply(placed.T_camera_world, person.positions[known]), placed.camera.lens)
-        inside = pixels[((pixels >= 0) & (pixels <= size - 1)).all(axis=-1)]  # NaN behind the camera compares false
-        if len(inside) < FEWEST:
-            continue
-        low, high = inside.min(axis=0), inside.max(axis=0)
-        wider = MARGIN * float((high - low).max())
-        boxes.append([*np.maximum(low - wider, 0), *np.minimum(high + wider, size - 1)])
-    return np.array(boxes, np.float32).reshape(-1, 4)

@@ -65,8 +65,12 @@ def run_keypoint_node(
         if work.in_time(found_s - begin_s, found_s - picture.ready_s, s.drop_after_s):
             link.publish(frame)
 
+    def begun() -> None:
+        link.answer(service.ask)
+        link.expect(work.expect)
+
     run = run_camera_node(
         link, acquisition, work, look, s, epoch=epoch, stop=stop, wait=wait, say=say, clock=clock,
-        begun=lambda: link.answer(service.ask), linger_s=linger_s,
+        begun=begun, linger_s=linger_s,
     )  # fmt: skip
     return summary(link, run, work.report())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.conventions import NS_PER_S
 from mocapella.detectors.keypoint_detector import PeopleDetector, frame_of
@@ -18,9 +20,14 @@ from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.sensor_frame import SensorFrame
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import Picture
+from mocapella.wire.expected import ExpectedPeople, read_expected
+
+Float32 = NDArray[np.float32]
 
 MOST_SKIPPED: Final = 0.1
 """Share of skipped images above which a warning is given."""
+MOST_TOO_LATE: Final = 0.05
+"""Part of the skipped images whose keypoints were too old to send, above which the warning states the limit."""
 LATELY: Final = 1000
 """Number of last images whose age at the end of the detection is reported."""
 DARK: Final = 16.0
@@ -28,6 +35,8 @@ DARK: Final = 16.0
 FLAT: Final = 2.0
 """Standard deviation of the brightness below which an image counts as uniform [0 to 255]."""
 _EVERY_PX: Final = 8
+EXPECTED_S: Final = 0.5
+"""Time for which people are expected where they were expected last [s]."""
 NO_COLOURS: Final = "this camera sends keypoints of people; mocapella node markers detects markers"
 
 
@@ -44,17 +53,38 @@ class KeypointWork(UnmarkedWork):
         too_late: number of images whose keypoints were too old to send.
         images: number of processed images.
         with_people: number of these with a detected person.
+        with_expected: number of these where the server expected a person.
     """
 
     def __init__(self, camera: str, acquisition: Acquisition, finds: PeopleDetector) -> None:
         super().__init__(camera, acquisition, NO_COLOURS)
         self._finds = finds
-        self.late = self.too_late = self.images = self.with_people = self._people = 0
+        self.late = self.too_late = self.images = self.with_people = self.with_expected = self._people = 0
+        self._expected: ExpectedPeople | None = None
         self._took_s = 0.0
         self._ages_s: deque[float] = deque(maxlen=LATELY)
         self._dead = ""
         self._warned = FaultReports()
         self._before = (0, 0, 0)
+        self._drop_after_s = math.inf
+
+    def expect(self, data: bytes) -> None:
+        """Search the next images where the server expects people, until it tells otherwise; on any thread.
+
+        Args:
+            data: encoded `mocapella.wire.expected.ExpectedPeople`.
+
+        Raises:
+            WireError: the message cannot be read.
+        """
+        self._expected = read_expected(data)
+
+    def _regions(self, time_ns: int) -> Float32 | None:
+        """Return the boxes (people, 4) where people are expected at a capture time [px]; None if unknown."""
+        known = self._expected
+        if known is None or not 0 <= time_ns - known.time_ns <= EXPECTED_S * NS_PER_S:
+            return None
+        return known.boxes
 
     def look(self, picture: Picture) -> KeypointFrame:
         """Detect the people in an image (height, width, 3) uint8 BGR, keep it as ``newest``, and return their frame.
@@ -63,10 +93,12 @@ class KeypointWork(UnmarkedWork):
         """
         image = colour_image(picture)
         self._dead = dead(image)
-        seen = self._finds.update(image, picture.time_ns / NS_PER_S)
+        regions = self._regions(picture.time_ns)
+        seen = self._finds.update(image, picture.time_ns / NS_PER_S, regions)
         frame = frame_of(seen, self._finds.topology, self.camera, picture.time_ns, picture.size_px)
         self.images, self._people = self.images + 1, frame.bodies
         self.with_people += bool(frame.bodies)
+        self.with_expected += regions is not None and len(regions) > 0
         self.keep(picture)
         return frame
 
@@ -84,6 +116,7 @@ class KeypointWork(UnmarkedWork):
         """
         fps = self.acquisition.state.fps
         self._took_s += took_s
+        self._drop_after_s = drop_after_s
         self._ages_s.append(age_s)
         self.late += bool(fps and took_s > 1 / fps)
         self.too_late += age_s > drop_after_s
@@ -98,6 +131,7 @@ class KeypointWork(UnmarkedWork):
             **asdict(pictures),
             "images": self.images,
             "with_people": self.with_people,
+            "with_expected": self.with_expected,
             "people": self._people,
             "late": self.late,
             "too_late": self.too_late,
@@ -136,6 +170,11 @@ class KeypointWork(UnmarkedWork):
         share = self._skipped(*(a - b for a, b in zip(now, before, strict=True)))
         if share > MOST_SKIPPED:
             advice = "make the pictures smaller, lower --fps, close other programs, or use a faster detector"
+            if self.too_late - before[2] > MOST_TOO_LATE * share * (now[0] - before[0]):
+                advice = (
+                    f"keypoints older than {1e3 * self._drop_after_s:.0f} ms are not sent, and a detection takes "
+                    f"{1e3 * self._took_s / self.images:.0f} ms; {advice}, or give --set drop_after_ms=1000"
+                )
             found["skipped"] = f"the detector is too slow: {100 * share:.0f} % of the images are skipped; {advice}"
         if self._dead:
             found["image"] = f"its picture is {self._dead}; take the cover off the lens, and switch on a light"

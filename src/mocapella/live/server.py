@@ -41,10 +41,12 @@ from mocapella.live.summary import RunSummary
 from mocapella.live.wall_clock import WallClock
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Phase
+from mocapella.model.sensor_frame import SensorFrame
 from mocapella.model.session import CommandReply, RecordingHealth, ServerHealth, SessionStatus, Setup
 from mocapella.recording.disk import ensure_folder, folder_problem, free_name, next_name, take_path
 from mocapella.schema import SceneEncoder, decode_frame
 from mocapella.supervision import Boundary
+from mocapella.wire.expected import write_expected
 from mocapella.wire.keys import NodeKey
 from mocapella.wire.server import ServerLink
 
@@ -270,8 +272,16 @@ class Server:
                 self.summary.rejected += 1
                 self._registry.rejected(message.node, f"a frame cannot be tracked: {self._session.problem}")
         self.summary.scene(scene, latency, done_ns)
+        self._errors.run("expected people", partial(self._tell_expected, message.node, frame))
         self._tracked += scene.state.phase is Phase.TRACKING and bool(scene.people)
         self._watch_state()
+
+    def _tell_expected(self, node: NodeKey, frame: SensorFrame) -> None:
+        """Tell the node of a frame where people are expected in its next image, if it wants to know."""
+        if self._link.awaits_expected(node):
+            regions = self._session.expected(node.sensor)
+            if regions is not None:
+                self._link.publish_expected(node, write_expected(frame.time_ns, regions))
 
     def _watch_state(self) -> None:
         self._states.update(self._session.state, time.monotonic() - self._began)

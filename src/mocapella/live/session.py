@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, cast
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.calibration.sensor_layout import SensorLayout, decode_layout, encode_layout
 from mocapella.decoding import FAULTS
@@ -21,7 +23,9 @@ from mocapella.model.scene import Phase, Scene, TrackerState
 from mocapella.model.session import STUDY_EVENT, PersonName, Setup
 from mocapella.settings import parse
 from mocapella.tracker import METHODS, Tracker, make_tracker
-from mocapella.tracker.protocol import KeepsLayout
+from mocapella.tracker.protocol import ExpectsPeople, KeepsLayout
+
+Float32 = NDArray[np.float32]
 
 _LAYOUT: Final = "rig"
 """Key of the sensor layout among the arguments of ``restore``, as stored in takes."""
@@ -155,6 +159,14 @@ class Session:
         self.state = scene.state
         self.problem = next((why for why, count in self.unusable.items() if count > before.get(why, 0)), "")
         return scene
+
+    def expected(self, sensor: str) -> Float32 | None:
+        """Return the boxes (people, 4) where people are expected in a sensor's next image [px].
+
+        None while stopped, and for a method that does not know.
+        """
+        tracker = self._tracker
+        return tracker.expected_regions(sensor) if self.running and isinstance(tracker, ExpectsPeople) else None
 
     def carry_out(self, verb: str, arguments: Mapping[str, Any]) -> str:
         """Carry out a command; return a message about its effect.

@@ -354,8 +354,9 @@ class StudyService:
             step_left_s=None if due is None else max(0, due - now_ns) / NS_PER_S,
             step_s=(step.seconds or 0.0) if step is not None else task.pause_s if phase == "between" else 0.0,
             minimum_left_s=max(0.0, task.minimum_s - ran / NS_PER_S) if running else 0.0,
-            block=_floor(protocol, step),
+            block=_floor(protocol, state),
             tone=any(one.tone_hz is not None for part in state.plan for one in part.task.steps),
+            tone_hz=_tone_hz(state),
             logged=f"logging {task.name}: {results} results" if running else "",
             results=results,
             marks=len(state.marks),
@@ -403,10 +404,21 @@ def _part(planned: PlannedTask, state: Any) -> PlannedPart:
     return PlannedPart(planned.task.name, planned.placement.name, planned.repetition, planned.task.repetitions, state)
 
 
-def _floor(protocol: StudyProtocol, step: Instruction | None) -> FloorMap | None:
+def _tone_hz(state: StudyState) -> float | None:
+    """Return the tone of the shown step, after a task that of its last step [Hz]; None for silence."""
+    step = state.planned.task.steps[-1] if state.phase == "between" else _shown_step(state)
+    return None if step is None else step.tone_hz
+
+
+def _floor(protocol: StudyProtocol, state: StudyState) -> FloorMap | None:
+    """Return the map of the block with the points of the task; None without a block."""
     block = protocol.block
     if block is None:
         return None
-    points = tuple(MapPoint(point.name, point.x_m, point.y_m) for point in block.points)
+    used = {block.start, *(name for one in state.planned.task.steps for name in (*one.stand, *one.foot))}
+    points = tuple(MapPoint(point.name, point.x_m, point.y_m) for point in block.points if point.name in used)
+    step = _shown_step(state)
     here, then = ((), ()) if step is None else (step.stand, step.foot)
+    if state.phase == "instruction":
+        here = state.planned.task.steps[0].stand  # where to go before the task begins
     return FloorMap(block.width_m, block.depth_m, points, block.start, here, then)

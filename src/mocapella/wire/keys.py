@@ -40,7 +40,7 @@ class NodeKey(NamedTuple):
 
 def of_node(kind: str, node: NodeKey) -> str:
     """Return ``mocapella/v1/<kind>/<sensor>/<node id as 16 hex digits>``; kind: live, record, truth, clock, ask,
-    join, leave, alive/sensor.
+    expect, join, leave, alive/sensor.
 
     Raises:
         SettingsError: the sensor's name is invalid.

@@ -220,6 +220,18 @@ class NodeLink:
 
         self._asked = self._session.declare_queryable(key, self.errors.wrap("question", callback))
 
+    def expect(self, on_expected: Callable[[bytes], None]) -> None:
+        """Pass what the server expects in this sensor's images to a function from now on.
+
+        Args:
+            on_expected: called for each message (`mocapella.wire.expected`), on a thread of the bus, so it must return
+                quickly.
+        """
+        key = keys.of_node("expect", self.node)
+        self._expects = self._session.declare_subscriber(
+            key, self.errors.wrap("expected people", lambda sample: on_expected(sample.payload.to_bytes()))
+        )
+
     def join(self, timeout: float = 1.0) -> bool:
         """Claim the sensor's name at the server; return whether it accepts the node.
 

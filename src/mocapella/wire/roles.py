@@ -38,12 +38,15 @@ class _Right(NamedTuple):
 
 
 _FRAMES: Final = ("live/{s}/*", "truth/{s}/*")
+_EXPECTED: Final = ("expect/{s}/*",)
 _ANSWERS: Final = ("clock/{s}/*", "ask/{s}/*", "record/{s}/*")
 _RIGHTS: Final[dict[str, tuple[_Right, ...]]] = {
     SENSOR: (
         _Right(_IN, ("put",), _FRAMES),
         _Right(_IN, ("declare_queryable", "reply"), _ANSWERS),
         _Right(_IN, ("liveliness_token",), ("alive/sensor/{s}/*",)),
+        _Right(_IN, ("declare_subscriber",), _EXPECTED),
+        _Right(_OUT, ("put",), _EXPECTED),
         _Right(_IN, ("query",), ("join/{s}/*", "leave/{s}/*")),
         _Right(_OUT, ("declare_subscriber",), _FRAMES),
         _Right(_OUT, ("query",), _ANSWERS),
@@ -152,6 +155,8 @@ def _denials(sensors: Sequence[str]) -> Iterator[dict[str, Any]]:
             yield _rule(f"not {name} {number}", "deny", right._replace(keys=keys))
         asked = _Right(_OUT, ("query",), tuple(key.format(s=name) for key in _ANSWERS))
         yield _rule(f"not {name} asked", "deny", asked)
+        told = _Right(_OUT, ("put",), tuple(key.format(s=name) for key in _EXPECTED))
+        yield _rule(f"not {name} told", "deny", told)
 
 
 def _rule(name: str, permission: str, right: _Right) -> dict[str, Any]:

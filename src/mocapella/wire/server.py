@@ -102,6 +102,8 @@ class ServerLink:
         drop = zenoh.CongestionControl.DROP
         self._scene = self._session.declare_publisher(keys.SCENE, congestion_control=drop, express=True)
         self._status = self._session.declare_publisher(keys.STATUS, congestion_control=drop)
+        self._connected: set[keys.NodeKey] = set()
+        self._expected: dict[keys.NodeKey, zenoh.Publisher] = {}
         self._serving: list[Any] = []
 
     def _on_ring(self, text: str) -> None:
@@ -156,6 +158,25 @@ class ServerLink:
     def publish_status(self, data: bytes) -> None:
         """Publish the session's status, encoded as JSON."""
         self._status.put(data)
+
+    def awaits_expected(self, node: keys.NodeKey) -> bool:
+        """Whether a connected node wants to be told where people are expected in its images; always on one thread."""
+        for gone in [one for one in self._expected if one not in self._connected]:
+            self._expected.pop(gone).undeclare()  # type: ignore[no-untyped-call]
+        if node not in self._connected:
+            return False
+        publisher = self._expected.get(node)
+        if publisher is None:
+            key = keys.of_node("expect", node)
+            publisher = self._session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.DROP, express=True
+            )
+            self._expected[node] = publisher
+        return publisher.matching_status
+
+    def publish_expected(self, node: keys.NodeKey, data: bytes) -> None:
+        """Tell a node that awaits it (`awaits_expected`) where people are expected (`mocapella.wire.expected`)."""
+        self._expected[node].put(data)
 
     def request_frames(
         self,
@@ -251,7 +272,9 @@ class ServerLink:
             except WireError as error:
                 self.on_nonsense(str(error))
                 return
-            on_alive(node, sample.kind == zenoh.SampleKind.PUT)
+            there = sample.kind == zenoh.SampleKind.PUT
+            (self._connected.add if there else self._connected.discard)(node)
+            on_alive(node, there)
 
         return self.errors.wrap("token of the bus", callback)
 
