@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from support.keypoint_people import filmed, ring, walking
 from support.programs import run_here
 from support.webcam_clips import DATA
 
 from mocapella.cli.calibrate_people import as_result
+from mocapella.cli.evaluate_rig_from_people import show_rig_errors
+from mocapella.evaluation.rig_from_people import RigErrorRow
 from mocapella.library import people_calibration
 from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
 
@@ -89,3 +93,14 @@ def test_a_real_clip_of_a_person_in_one_place_is_calibrated_and_called_uncertain
     assert np.degrees(direction.max()) < 3.0
     assert not found.good
     assert as_result(found)["good"] is False
+
+
+def test_the_errors_of_rigs_are_a_table_of_what_was_known_of_the_lenses() -> None:
+    numbers = (16.9, 0.25, 0.0, 3.5, 1.01, 0.32, 34.0, 0.6)
+    known = [(True, False), (False, False), (False, True)]
+    rows = [RigErrorRow("two-walk", 0, *lenses, *numbers, good=True) for lenses in known]
+    out = StringIO()
+    show_rig_errors(rows, Console(file=out, width=80))
+    lines = [line.split() for line in out.getvalue().splitlines() if line.startswith("two-walk")]
+    assert [line[2] for line in lines] == ["given", "found", "alike"]
+    assert lines[0][3:] == ["16.9", "0.25", "0.0", "3.5", "1.010", "0.32", "34", "0.6", "yes"]

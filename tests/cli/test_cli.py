@@ -98,6 +98,7 @@ VERBS = [
     ["lab", "evaluate", "silhouettes-wrong-frame"],
     ["lab", "evaluate", "silhouettes-keypoints"],
     ["lab", "evaluate", "silhouettes-jitter-limit"],
+    ["lab", "evaluate", "webcam-hands"],
     ["lab", "evaluate", "webcams"],
     ["lab", "evaluate", "rgbd"],
     ["calibrate", "cameras"],

@@ -69,11 +69,12 @@ def test_the_packages_of_depth_cameras_are_named_with_what_brings_them(
 ) -> None:
     """Whether they are there, without importing them."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    for module in ("openni", "primesense", "freenect", "pyrealsense2", "pyorbbecsdk"):
+    for module in ("openni", "primesense", "freenect", "pylibfreenect2", "pyrealsense2", "pyorbbecsdk", "depthai"):
         monkeypatch.delitem(sys.modules, module, raising=False)
     found = look(tmp_path)
     assert found["depth camera openni:"] == ("note", "not installed: openni or primesense")
     assert found["depth camera orbbec:"] == ("note", "not installed: pyorbbecsdk")
+    assert found["depth camera oak:"] == ("note", "not installed: depthai")
     advice = {finding.what: finding.advice for finding in examine(free_port(), free_port(), tmp_path)}
     assert "OpenNI2 itself" in advice["depth camera openni:"]
     assert "python3-freenect" in advice["depth camera freenect:"]

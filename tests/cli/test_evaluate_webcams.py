@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from mocapella.cli import import_commands
 from mocapella.cli.app import app
-from mocapella.cli.evaluate_webcams import _WHERE, _WHO, show_webcams
+from mocapella.cli.evaluate_webcams import _WHERE, _WHO, show_films, show_webcams
 from mocapella.evaluation.webcams import judged
 from mocapella.sources.simulate.crowd import crowd_names
 
@@ -42,7 +42,26 @@ def test_the_table_has_every_figure_and_verdict() -> None:
     assert "person 1: p95_mm: 90.00 (≤ 80) not met" in text
 
 
-@pytest.mark.parametrize(("words", "said"), [(["--scenes", "nowhere"], "unknown scene"), (["--seeds", "x"], "--seeds")])
+def test_the_tables_of_films_have_both_comparisons_and_the_lags() -> None:
+    person = {"present_percent": 100.0, "median_mm": 44.5, "p95_mm": 90.0, "ids": 1}
+    clip = {"people": [person], "others_percent": 0.0, "measured_percent": 87.0}
+    out = Console(record=True, width=120)
+    lags = {"reference_lag_frames": -1.01, "detector_lag_frames": 0.12}
+    show_films("a-clip", {"as_is": clip, "aligned": clip, **lags}, out)
+    text = out.export_text()
+    assert text.count("44.50") == 2
+    assert all(words in text for words in ("as numbered", "same image", "keypoints -1.01", "detector's 0.12 frames"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--scenes", "nowhere"], "unknown scene"),
+        (["--seeds", "x"], "--seeds"),
+        (["--detector", "mediapipe"], "--data"),
+        (["--data", ".", "--detector", "nothing"], "nothing"),
+    ],
+)
 def test_bad_input_is_named(words: list[str], said: str) -> None:
     done = CliRunner().invoke(app, [*VERB, *words])
     assert done.exit_code != 0

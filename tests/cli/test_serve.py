@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from mocapella.calibration.sensor_layout import VERSION, LayoutSensor, SensorLayout, load_layout, save_layout
 from mocapella.cli.app import app
 from mocapella.cli.live_session import LiveSession, wait_while
-from mocapella.cli.serve import LayoutKeeper, ServeKeys, load_layout_option
+from mocapella.cli.serve import LayoutKeeper, ServeKeys, load_layout_option, nodes_hint
 from mocapella.errors import MocapellaError
 from mocapella.live.launch import Children
 from mocapella.live.server import Server, ServerSettings
@@ -48,6 +48,12 @@ def test_a_view_that_ends_by_itself_is_told_of_once_and_ends_nothing_else(capsys
 def test_a_recording_leaves_the_same_room_however_the_server_is_started() -> None:
     default = ServeKeys().reserve_gib
     assert default * GIB == ServerSettings("tcp/127.0.0.1:7447").reserve_bytes
+
+
+def test_the_nodes_of_a_method_are_named_if_they_are_few() -> None:
+    words = "start a node for each sensor, in a terminal of its own: mocapella node keypoints --help"
+    assert nodes_hint("webcams") == nodes_hint("one-webcam") == words
+    assert nodes_hint("default") == ""  # many kinds of sensors
 
 
 class Placed:

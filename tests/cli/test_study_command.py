@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import html
+import re
+import shlex
 from pathlib import Path
 
 import msgspec
@@ -39,6 +42,23 @@ def test_what_is_printed_and_that_a_report_is_written(study: Path) -> None:
     assert "1 recordings of 1 participants, 24 rows, 24 of them in pairs" in done.stdout
     assert "Δd by task and placement" in done.stdout
     assert "tables in out/tables" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_report_has_the_settings_and_the_command_that_makes_it_again(study: Path) -> None:
+    (study / "data").rename(study / "my data")
+    words = ["study", "analyze", "my data", "--out", "out", "--participants", "7"]
+    methods = "stand-still,default:people.smoothing=kalman"
+    assert run_here(study, *words, "--methods", methods).returncode == 0
+    page = html.unescape((study / "out" / "report.html").read_text(encoding="utf-8"))
+    (command,) = re.findall(r"<code>mocapella (study analyze .*?)</code>", page)
+    assert '"smoothing":"kalman"' in page
+    assert "the rows as they were logged" in page
+    again = shlex.split(command)
+    again[again.index("out")] = "again"
+    assert run_here(study, *again).returncode == 0
+    tables = {path.name: path.read_bytes() for path in (study / "out" / "tables").iterdir()}
+    assert tables == {path.name: path.read_bytes() for path in (study / "again" / "tables").iterdir()}
 
 
 def test_a_damaged_recording_is_named_and_the_rest_is_analysed(study: Path) -> None:

@@ -54,8 +54,8 @@ def test_check_prints_the_plan_with_its_least_times(tmp_path: Path) -> None:
     rows = json.loads((tmp_path / "plan.json").read_text())["plan"]
     assert [(row["task"], row["from_s"], row["at_least_s"]) for row in rows[:3]] == [
         ("stationary", 0, 5),
-        ("steps", 5, 24),
-        ("walk", 29, 20),
+        ("steps", 5, 21),
+        ("walk", 26, 20),
     ]
 
 

@@ -356,6 +356,10 @@ def test_folders_of_no_use_are_refused(tmp_path: Path) -> None:
                         ([tmp_path], "no detections in this folder")):  # fmt: skip
         with pytest.raises(InputError, match=said):
             read_detections(paths)
+    (tmp_path / "films").mkdir()
+    (tmp_path / "films" / "left.MP4").touch()
+    with pytest.raises(InputError, match="no detections in this folder; these are films: mocapella people"):
+        read_detections([tmp_path / "films"])
     crowd = as_openpose(tmp_path / "crowd", {0: people(0, MOST_PEOPLE + 1, 17)})
     with pytest.raises(InputError, match=f"{MOST_PEOPLE + 1}: too many people in an image"):
         read_detections([crowd])

@@ -95,6 +95,7 @@ def import_commands() -> None:
         evaluate_rgbd,
         evaluate_rig_from_people,
         evaluate_silhouettes,
+        evaluate_webcam_hands,
         evaluate_webcams,
         evaluate_wrong_frame,
         hand,

@@ -31,6 +31,7 @@ class PeopleRigKeys:
     instants: Annotated[int, KeySpec("Most instants that are used.", "instants")] = 160
     every_s: Annotated[float, KeySpec("Shortest interval between instants.", "s")] = 0.2
     clock_search_s: Annotated[float, KeySpec("Largest difference of two cameras' clocks to search.", "s")] = 0.0
+    same_lenses: Annotated[bool, KeySpec("All cameras of one image size are of one model.")] = False
     seed: Annotated[int, KeySpec("Of the random samples.", "number")] = 0
 
 
@@ -39,7 +40,8 @@ def calibrate_people(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILES…", help="A folder with a folder or file of keypoints for each camera, or several of these."
+            metavar="FILES…",
+            help="A folder with a folder or file of keypoints for each camera, several of these, or a take.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help=f"{OUT_HELP} The camera rig (TOML).")],
@@ -63,7 +65,8 @@ def calibrate_people(
 ) -> None:
     """Calibrate cameras from the people they see, without a board: walk about for half a minute.
 
-    Reads the keypoint files of `mocapella triangulate`; docs/cameras-people.md describes its limits.
+    Reads the keypoint files of `mocapella triangulate`, and takes of webcams or of `mocapella people`;
+    docs/cameras-people.md describes its limits.
 
     Example:  mocapella calibrate people session/pose --size 1280x720 --fps 30 --height 1.75 --out rig.toml
     """
@@ -78,7 +81,7 @@ def calibrate_people(
         found = library_calibrate_people(
             files, size_px=parse_size(size) if size else None, fps=fps, scale=scale, rig=rig, order=keys.order,
             progress=lambda text: status.update(text.replace("[", "(")), instants=keys.instants, every_s=keys.every_s,
-            clock_search_s=keys.clock_search_s, seed=keys.seed,
+            clock_search_s=keys.clock_search_s, same_lenses=keys.same_lenses, seed=keys.seed,
         )  # fmt: skip
     save_camera_rig(out, found.rig)
     if plot is not None:

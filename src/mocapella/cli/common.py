@@ -324,6 +324,8 @@ def need_cameras(what: str) -> None:
     Raises:
         SettingsError: OpenCV is missing; the message names the extra of the package that contains it.
     """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # its warnings repeat our errors in words of its own
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if importlib.util.find_spec("cv2") is None:
         raise SettingsError(f"{what} needs OpenCV: uv sync --extra cameras (elsewhere: install 'mocapella[cameras]')")
 

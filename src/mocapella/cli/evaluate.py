@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -47,6 +47,10 @@ Methods = Annotated[
 Scenes = Annotated[
     str | None,
     typer.Option("--scenes", metavar="NAME,NAME,…", help="Simulated scenes; all by default, `help` lists them."),
+]
+Recordings = Annotated[
+    Path | None,
+    typer.Option("--data", metavar="DIR", help="Folder of the recordings, which are scored, too.", show_default=False),
 ]
 Seeds = Annotated[str, typer.Option("--seeds", metavar="N,N,…", help="Seeds of the simulation.")]
 _PLACEMENTS = ("parallel", "45", "90")
@@ -126,9 +130,7 @@ def simulation(
     from mocapella.evaluation.study_tables import rounded
 
     if scenes == "help":
-        known = scene_summaries()
-        width = max(map(len, known)) + 2
-        typer.echo("\n".join(f"{name:<{width}}{what}" for name, what in known.items()))
+        show_scenes(scene_summaries())
         return
     with console.status("making rooms …") as status:
         result = evaluate(
@@ -264,6 +266,12 @@ def line_skeleton_grid(
         cells = (row.median_ms, row.p95_ms, row.arm_mm, 100 * row.tips_found, row.tips_mm)
         table.add_row(str(row.grid_px), *(f"{value:.1f}" for value in cells))
     Console().print(table)
+
+
+def show_scenes(summaries: Mapping[str, str]) -> None:
+    """Print the names of scenes with their summaries, for ``--scenes help``."""
+    width = max(map(len, summaries)) + 2
+    typer.echo("\n".join(f"{name:<{width}}{what}" for name, what in summaries.items()))
 
 
 def _names(text: str) -> list[str]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -12,7 +11,7 @@ from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Scenes, Seeds, _names
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _names
 from mocapella.cli.evaluate_silhouettes import SceneSeconds
 
 
@@ -20,9 +19,7 @@ from mocapella.cli.evaluate_silhouettes import SceneSeconds
 def silhouettes_keypoints(
     scenes: Scenes = None,
     seeds: Seeds = "100",
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the recordings; score their people, too.")
-    ] = None,
+    data: Recordings = None,
     seconds: SceneSeconds = None,
     json: JsonOut = None,
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from mocapella.evaluation.rig_from_people import RigErrorRow
 
 
+LENSES: Final = {(True, False): "given", (False, False): "found", (False, True): "alike"}
+"""Names of what is known of the lenses: given or not, and stated to be of one model or not."""
+
+
 @evaluate_app.command("rig-from-people")
 def rig_from_people(
     files: Annotated[
@@ -32,7 +36,7 @@ def rig_from_people(
     seeds: Seeds = "0,1,2",
     json: JsonOut = None,
 ) -> None:
-    """Calibrate cameras from people, with and without given lenses, and print the errors against the true rig.
+    """Calibrate cameras from people, with lenses that are given, unknown, or of one model, and print the errors.
 
     Without FILES, two simulated people walk for 30 s before four cameras, with a detector's measured errors.
 
@@ -47,17 +51,18 @@ def rig_from_people(
 
     rows: list[RigErrorRow] = []
     with console.status("calibrating …"):
-        for lenses in (True, False):
+        for lenses, same in ((True, False), (False, False), (False, True)):
             try:
                 if not files:
                     for seed in participant_numbers(seeds, "--seeds") or []:
-                        rows.append(run_scene("two-walk", seed, lenses=lenses))
+                        rows.append(run_scene("two-walk", seed, lenses=lenses, same_lenses=same))
                     continue
                 if rig is None:
                     raise SettingsError("the errors of FILES need a true rig: give it with --rig")
                 true = load_camera_rig(rig)
                 frames = detected_frames(read_detections(files), true, None, fps)
-                rows.append(run_frames(frames, true, files[0].parent.name, lenses=lenses, every_s=0.05))
+                name = files[0].parent.name
+                rows.append(run_frames(frames, true, name, lenses=lenses, same_lenses=same, every_s=0.05))
             except CalibrationError as error:
                 say(str(error))
     write_json(json, {"rows": msgspec.to_builtins(rows)})
@@ -69,15 +74,18 @@ def show_rig_errors(rows: Sequence[RigErrorRow], out: Console) -> None:
     """Print the rows of `mocapella.evaluation.rig_from_people` as one table."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in (
-        "", "lenses", "place\nmm", "turn\n°", "focal\n%", "clock\nms", "scale by\nstature", "NEES", "stated\n± mm",
-        "good",
+        "", "lenses", "place\nmm", "turn\n°", "focal\n%", "clock\nms", "by\nstature", "NEES", "stated\n± mm",
+        "shift\npx", "good",
     ):  # fmt: skip
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     for row in rows:
         table.add_row(
-            f"{row.name[-12:]} {row.seed}", "given" if row.lenses else "found", f"{row.position_mm:.1f}",
+            f"{row.name[-12:]} {row.seed}", LENSES[row.lenses, row.same_lenses], f"{row.position_mm:.1f}",
             f"{row.direction_deg:.2f}", f"{row.focal_percent:.1f}", f"{row.clock_ms:.1f}", f"{row.stature_scale:.3f}",
-            f"{row.nees:.2f}", f"{row.stated_mm:.0f}", "yes" if row.good else "no",
+            f"{row.nees:.2f}", f"{row.stated_mm:.0f}", f"{row.shift_px:.1f}", "yes" if row.good else "no",
         )  # fmt: skip
     out.print(table)
     out.print("worst camera of each rig, after the best rigid motion, with the true distance of two cameras as scale")
+    out.print("alike: unknown lenses that are stated to be of one model (same_lenses)")
+    out.print("by stature: true scale by that of the people's stature")
+    out.print("shift: of a whole person in a camera against the true rig; ten pixels are an error of the true rig")

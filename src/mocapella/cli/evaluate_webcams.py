@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+from functools import partial
 from typing import Annotated, Any, Final
 
 import typer
@@ -14,7 +14,9 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Scenes, Seeds, _cell, _names
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, show_scenes
+from mocapella.cli.keypoint_options import KeypointDetectorName, opened_detector
+from mocapella.errors import SettingsError
 
 _WHO: Final = {
     "hota": "HOTA",
@@ -33,7 +35,8 @@ _WHERE: Final = {
 }
 
 
-def _webcams_keys(_context: typer.Context) -> Iterator[str]:
+def webcams_keys(_context: typer.Context) -> Iterator[str]:
+    """Yield the lines of ``--set help``: the settings of the method webcams."""
     from mocapella.tracker.webcams_settings import WebcamsSettings
 
     yield from lines_of_dataclass(WebcamsSettings, "Settings of the method webcams:")
@@ -43,14 +46,15 @@ def _webcams_keys(_context: typer.Context) -> Iterator[str]:
 def webcams(
     scenes: Scenes = None,
     seeds: Seeds = "0",
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the recordings; score their people, too.")
-    ] = None,
+    data: Recordings = None,
+    detector: KeypointDetectorName = None,
     settings_file: SettingsFile = None,
-    settings: Annotated[list[str] | None, set_option(NoKeys, _webcams_keys)] = None,
+    settings: Annotated[list[str] | None, set_option(NoKeys, webcams_keys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Score the method webcams: simulated crowds against exact truth, recordings against their authors' results.
+
+    With --data and --detector, also the people whom a detector finds in the recordings' films.
 
     docs/evaluation.md says how everything is scored. A number after a scene's name is that of its cameras: six-walk/8.
 
@@ -61,16 +65,27 @@ def webcams(
     from mocapella.sources.simulate.crowd import crowd_summaries
 
     if scenes == "help":
-        known = crowd_summaries()
-        width = max(map(len, known)) + 2
-        typer.echo("\n".join(f"{name:<{width}}{what}" for name, what in known.items()))
+        show_scenes(crowd_summaries())
         return
     chosen = read_settings(NoKeys, settings_file, settings)[1]
+    finds = None
+    if detector is not None:
+        from mocapella.evaluation.keypoint_films import evaluate_films
+
+        if data is None:
+            raise SettingsError("--detector is of the films of recordings; name their folder with --data, too")
+        finds = partial(opened_detector, "lab evaluate webcams", detector, None, {})
+        finds()  # what it lacks is said before minutes of other scores
     with console.status("making rooms …") as status:
         result = evaluate(
             None if scenes is None else _names(scenes), participant_numbers(seeds, "--seeds") or [], chosen, data,
             lambda text: status.update(f"scoring {text} …"),
         )  # fmt: skip
+        if finds is not None and data is not None:
+            result["films"], targets = evaluate_films(
+                data, finds, chosen, lambda text: status.update(f"scoring {text} …")
+            )
+            result["targets"] |= targets
     result = rounded(result)
     write_json(json, result)
     if json != "-":
@@ -95,19 +110,42 @@ def show_webcams(result: dict[str, Any], out: Console) -> None:
             highlight=False,
         )
     if result["clips"]:
-        table = Table(
-            title="recordings, against the authors' results", title_justify="left", box=SIMPLE_HEAD, padding=0
-        )
-        for words in ("", "present\n%", "median\nmm", "95 %\nmm", "ids\n", "others\n%", "measured\n%"):
-            table.add_column(words, justify="right" if words else "left", no_wrap=True)
+        table = _people_table("recordings, against the authors' results")
         for name, clip in result["clips"].items():
-            for k, person in enumerate(clip["people"], 1):
-                figures = [person[key] for key in ("present_percent", "median_mm", "p95_mm")]
-                shared = [clip["others_percent"], clip["measured_percent"]] if k == 1 else []
-                cells = [*map(_cell, figures), str(person["ids"]), *map(_cell, shared)]
-                table.add_row(f"{name} {k}", *cells)
+            _add_people(table, name, clip, numbered=True)
         out.print(table)
+    for name, films in result.get("films", {}).items():
+        show_films(name, films, out)
     for name, target in result["targets"].items():
         sign = "≥" if target["kind"] == "least" else "≤"
         verdict = "met" if target["met"] else "[red]not met[/red]"
         out.print(f"  {name}: {_cell(target['value'])} ({sign} {target['limit']:g}) {verdict}", highlight=False)
+
+
+def show_films(name: str, films: dict[str, Any], out: Console) -> None:
+    """Print the figures of a clip's films, `mocapella.evaluation.keypoint_films.FilmFigures`, as a table."""
+    table = _people_table(f"films of {name}")
+    for key, words in (("as_is", "as numbered"), ("aligned", "same image")):
+        _add_people(table, words, films[key])
+    out.print(table)
+    out.print(
+        f"lag behind the images: of the recording's own keypoints {_cell(films['reference_lag_frames'])}, "
+        f"of the detector's {_cell(films['detector_lag_frames'])} frames",
+        highlight=False,
+    )
+
+
+def _people_table(title: str) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for words in ("", "present\n%", "median\nmm", "95 %\nmm", "ids\n", "others\n%", "measured\n%"):
+        table.add_column(words, justify="right" if words else "left", no_wrap=True)
+    return table
+
+
+def _add_people(table: Table, name: str, clip: dict[str, Any], *, numbered: bool = False) -> None:
+    """Add a row for each person of a clip; the figures of all people together are in the first one."""
+    for k, person in enumerate(clip["people"], 1):
+        figures = [person[key] for key in ("present_percent", "median_mm", "p95_mm")]
+        shared = [clip["others_percent"], clip["measured_percent"]] if k == 1 else []
+        cells = [*map(_cell, figures), str(person["ids"]), *map(_cell, shared)]
+        table.add_row(f"{name} {k}" if numbered else name, *cells)

@@ -44,7 +44,8 @@ def node_arm(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="openni:0, freenect:0, realsense:SERIAL, orbbec:0, rendered:SCENE/SEED, PNGs, a folder, or a take.",
+            help="openni:0, freenect:0, freenect2:0, realsense:SERIAL, orbbec:0, oak:0, k4a:0, rendered:SCENE/SEED, "
+            "PNGs, a folder, or a take.",
         ),
     ],
     name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)] = "arm",

@@ -39,8 +39,8 @@ def rgbd(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="realsense:SERIAL, orbbec:0, openni:0, freenect:0, a folder of depth and colour images, or "
-            "rendered:room-SCENE/SEED/SENSOR/VIEW.",
+            help="realsense:SERIAL, orbbec:0, oak:0, k4a:0, openni:0, freenect:0, freenect2:0, a folder of depth and "
+            "colour images, or rendered:room-SCENE/SEED/SENSOR/VIEW.",
         ),
     ],
     name: Annotated[str, typer.Option("--name", metavar="SENSOR", help=NAME_HELP)] = "rgbd",

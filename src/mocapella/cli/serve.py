@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     from mocapella.live.server import Server
     from mocapella.live.study_service import StudyStore
 
-
+FEW_NODES = 2
+"""Largest number of commands for nodes that are named at the start; `mocapella node --help` lists all."""
 _INVITE = (
     "sensors and readers on other machines need a key: `mocapella session invite sensor` here writes it, and "
     "`mocapella session join` there takes it (port {port} must be open to them)"
@@ -231,11 +232,28 @@ def run_server(
             if take is not None:
                 say(f"recording {take}")
             say(f"waiting for sensors at {server_settings.listen} (Ctrl-C ends)")
+            if hint := nodes_hint(method):
+                say(hint)
             if not address.local:
                 say(_INVITE.format(port=port))
             summary = _run_until_end(session, keys)
         write_json(json, summary)
     exit_by(summary["recording"])
+
+
+def nodes_hint(method: str) -> str:
+    """Return a line with the commands that send a method's main frames; empty if there are none or many."""
+    from mocapella.model.frame_types import FRAME_TYPES
+    from mocapella.sources.source import SOURCES
+    from mocapella.tracker.method import METHODS
+
+    main = METHODS.find(method).frame_types[0]
+    taken = {name for name, one in FRAME_TYPES.items() if one.type is main}
+    verbs = [name for name, source in SOURCES.items() if taken.intersection(source.frame_types)]
+    if not 0 < len(verbs) <= FEW_NODES:
+        return ""
+    commands = " or ".join(f"mocapella node {verb} --help" for verb in verbs)
+    return f"start a node for each sensor, in a terminal of its own: {commands}"
 
 
 def _run_until_end(session: LiveSession, keys: ServeKeys) -> dict[str, Any]:

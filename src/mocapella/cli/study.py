@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,6 +63,7 @@ def analyze(
     Example:  mocapella study analyze recordings/ --out results/
     """
     from mocapella.errors import EvaluationError
+    from mocapella.evaluation.methods import settings_used
     from mocapella.studies.analysis import check_participants, merge
     from mocapella.studies.naming import names_of_study
     from mocapella.studies.recordings import find_recordings
@@ -92,8 +94,10 @@ def analyze(
                 from mocapella.studies.report import ReportDetails, write_report
 
                 status.update("testing hypotheses, drawing pictures …")
-                command = f"mocapella study analyze {folder} --out {out} --methods {methods}"
-                tables += write_report(results, tables, made, ReportDetails(folder.name, command))
+                words = ["mocapella", "study", "analyze", str(folder), "--out", str(out), "--methods", ",".join(named)]
+                words += [] if participants is None else ["--participants", participants]
+                settings = {"participants": participants or "all"} | {name: settings_used(name) for name in named}
+                tables += write_report(results, tables, made, ReportDetails(folder.name, shlex.join(words), settings))
             (made / "tables").mkdir()
             write_tables(made / "tables", tables)
     write_json(json, _as_json(results, tables, out))

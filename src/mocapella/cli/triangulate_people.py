@@ -79,7 +79,7 @@ def triangulate(
 ) -> None:
     """Track all people in the keypoint files of calibrated cameras, or triangulate named points such as an animal's.
 
-    Reads OpenPose, Pose2Sim, MMPose, AlphaPose, DeepLabCut, SLEAP and our CSV; docs/triangulation.md describes them.
+    Reads OpenPose, Pose2Sim, MMPose, AlphaPose, DeepLabCut, SLEAP and our CSV; docs/keypoint-files.md describes them.
 
     Example:  mocapella triangulate session/pose --rig Calib.toml --up z --fps 60 --out walk.trc
     """
@@ -88,12 +88,15 @@ def triangulate(
     from mocapella.library.people_triangulation import track_detections
     from mocapella.model.camera_rig_file import load_camera_rig
     from mocapella.recording.detection_files import read_detections
+    from mocapella.recording.disk import check_can_record
 
     keys, method_settings = read_settings(PeopleKeys, settings_file, settings, method_setting_names(_METHOD))
     take = take_file(out) if out.suffix.lower() in ("", ".mcap") else None
     if take is None:
         check_out(out)
         export_of(out)
+    else:
+        check_can_record(take)
     cameras = load_camera_rig(rig or Path("rig.toml"))
     with working("reading …", status=INTERRUPTED) as status, telling_of_compiling(f"the method {_METHOD}"):
 

@@ -8,10 +8,14 @@ from typing import Any, Final
 
 from mocapella.calibration.people_rig import RigFromPeople, RigScale
 from mocapella.errors import CalibrationError
-from mocapella.library.keypoint_tracking import arrivals_of, track_arrivals
+from mocapella.library.keypoint_tracking import METHOD, arrivals_of, track_arrivals
 from mocapella.library.people_calibration import calibrate_frames
+from mocapella.library.people_report import PeopleReport, people_report
+from mocapella.live.file_take import FileTake
 from mocapella.live.film_people import FilmCounts
 from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.observations import Arrival
+from mocapella.model.session import Setup
 from mocapella.settings import parse
 from mocapella.tracker.webcams_calibration import why_not
 from mocapella.tracker.webcams_settings import WebcamsSettings
@@ -53,7 +57,7 @@ _OR_A_RIG: Final = "or give a rig with --rig (mocapella calibrate cameras makes 
 def track_films(
     frames: Frames, found: RigFromPeople, record: Path, settings: Mapping[str, Any],
     progress: Progress = lambda text: None,
-) -> FilmCounts:  # fmt: skip
+) -> tuple[FilmCounts, PeopleReport]:  # fmt: skip
     """Track the people in films with the cameras that they calibrated, and write a take.
 
     Args:
@@ -63,12 +67,33 @@ def track_films(
         settings: settings of the method ``webcams``.
         progress: called with a line about the progress.
 
+    Returns:
+        The counts, and how well the cameras agree about the people.
+
     Raises:
         InputError, SettingsError, TakeExistsError, DiskFullError, RecordingError: as `track_arrivals`.
     """
     arrivals = arrivals_of(frames, found.rig)
     _, scenes = track_arrivals(arrivals, found.rig, source=record, record=record, settings=settings, progress=progress)
-    return _counts(frames, scenes)
+    return _counts(frames, scenes), people_report(arrivals, scenes, found.rig)
+
+
+def keep_frames(frames: Frames, record: Path, settings: Mapping[str, Any]) -> None:
+    """Write the keypoint frames of films to a take without people, to be tracked later by a replay.
+
+    Args:
+        frames: as of `mocapella.live.film_people.detect_in_films`; all cameras have one clock.
+        record: the take.
+        settings: settings of the method ``webcams`` for the replay.
+
+    Raises:
+        TakeExistsError, DiskFullError, RecordingError: the take cannot be written.
+    """
+    arrivals = [Arrival(frame, frame.time_ns) for of in frames.values() for frame in of]
+    arrivals.sort(key=lambda arrival: (arrival.at_ns, arrival.frame.sensor))
+    with FileTake(record, Setup(METHOD, len(frames)), settings) as take:
+        for arrival in arrivals:
+            take.write_frame(arrival.frame, arrival)
 
 
 def _counts(frames: Frames, scenes: Sequence[Any]) -> FilmCounts:

@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mocapella.association.keypoint_rays import sources_named
 from mocapella.calibration.keypoint_tracks import CameraTracks, collect_tracks
 from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
 from mocapella.calibration.rig_from_people import RigFromPeopleSettings, solve_people
 from mocapella.errors import CalibrationError, InputError
+from mocapella.library.rig_image_sizes import check_inside
 from mocapella.model.camera import Camera, CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.keypoints import KeypointFrame
@@ -17,6 +19,8 @@ from mocapella.model.observations import check_sensor_name
 from mocapella.model.point_tracks import match_cameras
 from mocapella.recording.detection_files import read_detections
 from mocapella.recording.detections import AUTO, CameraDetections, keypoint_frames
+from mocapella.recording.disk import SUFFIX
+from mocapella.recording.take_reader import read_take
 
 Progress = Callable[[str], None]
 
@@ -38,7 +42,8 @@ def calibrate_people(
     save_camera_rig(Path("rig.toml"), found.rig)
 
     Args:
-        files: a folder with a folder or file for each camera, or several folders or files, as `triangulate_people`.
+        files: a folder with a folder or file for each camera, or several folders or files, as `triangulate_people`; or
+            a take (.mcap) with keypoint frames, which have their own sizes, times and order.
         size_px: (width, height) of the images; None for the sizes of ``rig``.
         fps: frame rate that the numbers of the frames follow; None for the times of the files [Hz].
         scale: a stated length; None for a guess.
@@ -57,9 +62,33 @@ def calibrate_people(
     """
     paths = [Path(path) for path in ([files] if isinstance(files, Path | str) else files)]
     old = rig if isinstance(rig, CameraRig) or rig is None else load_camera_rig(Path(rig))
-    found = read_detections(paths, order=order, progress=lambda text: progress(f"reading {text}"))
-    frames = detected_frames(found, old, size_px, fps)
+    if any(path.suffix.lower() == SUFFIX for path in paths):
+        frames = take_frames(paths)
+    else:
+        found = read_detections(paths, order=order, progress=lambda text: progress(f"reading {text}"))
+        frames = detected_frames(found, old, size_px, fps)
     return calibrate_frames(frames, scale, old, RigFromPeopleSettings(**settings), progress)
+
+
+def take_frames(paths: Sequence[Path]) -> list[KeypointFrame]:
+    """Return the keypoint frames of people in a take, each camera's in the order of their times.
+
+    Raises:
+        InputError: there are several files, or the take has no such frames, or cannot be read.
+        SchemaVersionError: the take was made with another message schema.
+    """
+    if len(paths) > 1:
+        raise InputError("a take is given beside other files", file=paths[0], fix="give one take alone")
+    take = read_take(paths[0])
+    stored = (one.frame for sensor in take.sensors for one in take.frames(sensor))
+    frames = [
+        frame for frame in stored if isinstance(frame, KeypointFrame) and sources_named(frame.topology.name) is not None
+    ]
+    if not frames:
+        raise InputError(
+            "has no keypoints of people", file=paths[0], fix="give a take of mocapella people, or of node keypoints"
+        )
+    return sorted(frames, key=lambda frame: (frame.sensor, frame.time_ns))
 
 
 def detected_frames(
@@ -68,7 +97,7 @@ def detected_frames(
     """Return the frames of all cameras, named as in an older rig if there is one.
 
     Raises:
-        InputError: there is no image size, no time, or no person's keypoints.
+        InputError: there is no image size, no time, or no person's keypoints, or they are in larger images.
         SettingsError: a file's name is no camera's.
     """
     if old is not None:
@@ -82,7 +111,10 @@ def detected_frames(
             raise InputError(
                 "the files have no image size", file=one.camera, fix="give it with --size, such as --size 1280x720"
             )
-        frames += keypoint_frames(one, name, size, fps)
+        some = keypoint_frames(one, name, size, fps)
+        stated = "the rig has" if size_px is None else "--size has"
+        check_inside(name, some, file=one.camera, stated=stated, fix="give the size of the images with --size")
+        frames += some
     return frames
 
 

@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.geometry.lens import project
-from mocapella.geometry.rigid import apply
+from mocapella.association.image_agreement import CONTRARY, image_agreement
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival, JointState
@@ -20,18 +19,21 @@ from mocapella.model.trajectories import person_name
 
 Float64 = NDArray[np.float64]
 
-AGREES: Final = 0.1
-"""A detection is of a person whose joints are, in the median, at most this part of the person's size away."""
 SAME_POINT: Final = 0.1
 """A keypoint of a person agrees with the joint if it is at most this part of the person's size away."""
-LEAST_PX: Final = 8.0
-"""These limits are at least as large [px]."""
-LEAST_POINTS: Final = 3
-"""Least number of common keypoints of a detection and a person that are compared."""
 CONFIDENT: Final = 0.3
 """Keypoints with a higher confidence are compared."""
 ALARM: Final = 1.0 / 3.0
-"""Share of rejected keypoints or unused detections above which a camera is named."""
+"""Share of rejected keypoints above which a camera is named."""
+STRANGE: Final = 0.05
+"""Share of detections that agree with a person below which a camera is named: such a share agrees by chance."""
+LEAST_DETECTIONS: Final = 10
+"""Number of detections from which a camera is named."""
+
+_ELSEWHERE: Final = (
+    "it sees another room, is another camera of the rig, moved after the calibration, or began at another time; leave "
+    "it out, or calibrate it again"
+)
 
 
 class PersonReport(msgspec.Struct, frozen=True):
@@ -61,6 +63,8 @@ class CameraPeopleReport(msgspec.Struct, frozen=True):
         keypoints: number of confident keypoints in the used detections that a tracked joint has.
         rejected_share: part of these that are far from the joint, 0 to 1; 0 without any.
         residual_px: median distance of the others from the projected joints [px]; NaN without any.
+        contrary_share: of the people who are in its image by their places, and whom it sees or should, part in whose
+            place it sees a stranger, 0 to 1; 0 without any. A camera that sees another room has many.
         outside_share: part of all confident keypoints that are outside the image, 0 to 1.
     """
 
@@ -69,6 +73,7 @@ class CameraPeopleReport(msgspec.Struct, frozen=True):
     keypoints: int
     rejected_share: float
     residual_px: float
+    contrary_share: float
     outside_share: float
 
 
@@ -104,61 +109,91 @@ def people_report(arrivals: Sequence[Arrival], scenes: Sequence[Scene], rig: Cam
         if frame.key in scene_of:
             last[frame.sequence] = scene_of[frame.key]
             frames.setdefault(frame.sequence, []).append(frame)
-    cameras = {name: _Camera(placed) for name, placed in rig.cameras.items()}
-    residuals: dict[str, list[Float64]] = {}
-    people: dict[str, list[Any]] = {}
+    compared = PeopleComparison(rig)
     for number, scene in last.items():
+        compared.add(frames[number], scene)
+    return compared.report(arrival.frame.sensor for arrival in arrivals)
+
+
+class PeopleComparison:
+    """Compares the people of one instant after the other with the keypoints of all cameras; keeps no frames.
+
+    Args:
+        rig: the cameras.
+    """
+
+    def __init__(self, rig: CameraRig) -> None:
+        self._cameras = {name: _Camera(placed) for name, placed in rig.cameras.items()}
+        self._residuals: dict[str, list[Float64]] = {}
+        self._people: dict[str, list[Any]] = {}
+        self._instants = 0
+        self._seen: set[str] = set()
+
+    def add(self, frames: Iterable[KeypointFrame], scene: Scene) -> None:
+        """Compare the frames of an instant with the people in its last scene."""
+        self._instants += 1
         for person in scene.people:
-            people.setdefault(person_name(person.name, person.id), []).append(person.states)
-        for frame in frames[number]:
-            if frame.sensor in cameras:
-                for name, far in cameras[frame.sensor].compare(frame, scene):
-                    residuals.setdefault(name, []).append(far)
-    seen = {arrival.frame.sensor for arrival in arrivals}
-    everything = [far for some in residuals.values() for far in some]
-    return PeopleReport(
-        len(last),
-        {name: _person(states, len(last), residuals.get(name, [])) for name, states in sorted(people.items())},
-        {name: camera.report() for name, camera in cameras.items() if name in seen}, _median(everything),
-    )  # fmt: skip
+            self._people.setdefault(person_name(person.name, person.id), []).append(person.states)
+        for frame in frames:
+            self._seen.add(frame.sensor)
+            if frame.sensor in self._cameras:
+                for name, far in self._cameras[frame.sensor].compare(frame, scene):
+                    self._residuals.setdefault(name, []).append(far)
+
+    def report(self, seen: Iterable[str] = ()) -> PeopleReport:
+        """Return the report so far.
+
+        Args:
+            seen: names of further cameras that had frames, of which none could be used.
+        """
+        there = self._seen.union(seen)
+        residuals = self._residuals
+        everything = [far for some in residuals.values() for far in some]
+        people = {
+            name: _person(states, self._instants, residuals.get(name, []))
+            for name, states in sorted(self._people.items())
+        }
+        cameras = {name: camera.report() for name, camera in self._cameras.items() if name in there}
+        return PeopleReport(self._instants, people, cameras, _median(everything))
 
 
-def alarms(report: PeopleReport) -> list[str]:
-    """Return sentences about cameras that disagree, each with its likely causes and the remedy."""
-    found = []
+def alarms(report: PeopleReport, *, films: bool = False) -> list[str]:
+    """Return sentences about cameras that disagree, each with its likely causes and the remedy.
+
+    Args:
+        report: the comparison.
+        films: whether the keypoints are of films, so their order is known.
+    """
     bad = {name: why for name, one in report.cameras.items() if (why := _why(one))}
-    many = len(bad) > 1 and len(bad) * 2 >= len(report.cameras)
-    if not report.people or many:
-        outside = [name for name, one in report.cameras.items() if one.outside_share > ALARM]
-        start = "nobody was found that two cameras agree on" if not report.people else "the cameras disagree"
-        found.append(
-            f"{start}: " + (
-                f"keypoints are outside the images of {', '.join(outside)}: give a rig for this image size" if outside
-                else "compare the rig with the recording (its cameras, their names and image size), the order of "
-                "keypoints (--set order=…), and whether the cameras began together"
-            )
-        )  # fmt: skip
-    if not many and report.people:
-        found += [f"camera {name}: {why}" for name, why in bad.items()]
-    return found
+    if not report.people or len(bad) > 1:
+        many = not report.people or len(bad) * 2 >= len(report.cameras)
+    else:
+        many = bool(bad) and len(report.cameras) == 2  # nothing tells which of two is wrong
+    if not many:
+        return [f"camera {name}: {why}" for name, why in bad.items()]
+    start = "nobody was found that two cameras agree on"
+    if report.people:
+        start = f"the cameras disagree ({', '.join(report.cameras if len(report.cameras) == 2 else bad)})"
+    order = "" if films else "the order of keypoints (--set order=…), "
+    return [
+        f"{start}: compare the rig with the recording (its cameras and their names), {order}whether the cameras "
+        "began together, and whether they see the same room"
+    ]
 
 
 def _why(camera: CameraPeopleReport) -> str:
-    if camera.outside_share > ALARM:
-        return (
-            f"{camera.outside_share:.0%} of its keypoints are outside the image: give a rig for this image size, or "
-            "the camera's own name"
-        )
     if camera.rejected_share > ALARM:
         return (
             f"{camera.rejected_share:.0%} of its keypoints are rejected: it moved after the calibration, its frames "
             "are of other times, or its keypoints have another order; calibrate it again, or check when it began"
         )
-    if camera.detections >= 10 and camera.used == 0:
-        return (
-            f"none of its {camera.detections} detections agrees with the other cameras: it is another camera of the "
-            "rig, moved after the calibration, or began at another time"
-        )
+    if camera.detections < LEAST_DETECTIONS:
+        return ""
+    if camera.used < STRANGE * camera.detections:
+        few = f"only {camera.used}" if camera.used else "none"
+        return f"{few} of its {camera.detections} detections agrees with the other cameras: {_ELSEWHERE}"
+    if camera.contrary_share > CONTRARY:
+        return f"in the place of {camera.contrary_share:.0%} of the people it sees somebody elsewhere: {_ELSEWHERE}"
     return ""
 
 
@@ -168,6 +203,7 @@ class _Camera:
     def __init__(self, placed: PlacedCamera) -> None:
         self._placed = placed
         self._detections = self._used = self._keypoints = self._rejected = self._all = self._outside = 0
+        self._contrary = 0
         self._residuals: list[Float64] = []
 
     def compare(self, frame: KeypointFrame, scene: Scene) -> Iterable[tuple[str, Float64]]:
@@ -182,21 +218,13 @@ class _Camera:
         pairs = _pairs(frame.topology, scene.topology)
         if not len(frame.ids) or not people or not len(pairs):
             return
-        joints = np.array([person.positions[pairs[:, 1]] for person in people])
-        in_camera = apply(self._placed.T_camera_world, joints)
-        in_camera[in_camera[..., 2] < 0.1] = np.nan
-        projected = project(in_camera, self._placed.camera.lens)
-        size = np.array([max(LEAST_PX / AGREES, _size(one)) for one in projected])
+        joints = np.array([person.positions[pairs[:, 1]] for person in people], np.float64)
         keypoints = np.where(confident[..., None], frame.positions_px, np.nan)[:, pairs[:, 0]]
-        far = np.linalg.norm(keypoints[:, None] - projected[None], axis=-1)  # (detections, people, joints)
-        known = np.isfinite(far).sum(axis=-1)
-        enough = np.where((known >= LEAST_POINTS)[..., None], far, 0.0)
-        middle = np.where(known >= LEAST_POINTS, np.nanmedian(enough, axis=-1) / size, np.inf)
-        while np.isfinite(middle).any() and middle.min() <= AGREES:
-            i, k = np.unravel_index(middle.argmin(), middle.shape)
-            middle[i], middle[:, k] = np.inf, np.inf
-            distances = far[i, k][np.isfinite(far[i, k])]
-            near = distances[distances <= SAME_POINT * size[k]]
+        found = image_agreement(keypoints.astype(np.float64), joints, self._placed)
+        self._contrary += found.contrary
+        for i, k in found.pairs:
+            distances = found.far[i, k][np.isfinite(found.far[i, k])]
+            near = distances[distances <= SAME_POINT * found.size[k]]
             self._used += 1
             self._keypoints += len(distances)
             self._rejected += len(distances) - len(near)
@@ -207,7 +235,8 @@ class _Camera:
         """Return the counts so far."""
         return CameraPeopleReport(
             self._detections, self._used, self._keypoints, self._rejected / max(1, self._keypoints),
-            _median(self._residuals), self._outside / max(1, self._all),
+            _median(self._residuals), self._contrary / max(1, self._used + self._contrary),
+            self._outside / max(1, self._all),
         )  # fmt: skip
 
 
@@ -215,12 +244,6 @@ def _pairs(own: Topology, other: Topology) -> NDArray[np.int64]:
     """Return (pairs, 2) keypoints and the joints at the same places."""
     found = [(source, joint) for joint, source in own.single_joints(other.name).items()]
     return np.array(found, np.int64).reshape(-1, 2)
-
-
-def _size(projected: Float64) -> float:
-    """Return the diagonal of the box around points (points, 2) [px]; 0 if none is known."""
-    known = projected[np.isfinite(projected).all(axis=-1)]
-    return float(np.linalg.norm(np.ptp(known, axis=0))) if len(known) else 0.0
 
 
 def _median(values: Sequence[Float64]) -> float:

@@ -16,6 +16,7 @@ from mocapella.library.motion_tracks import MotionTracks
 from mocapella.library.people_files import save_people, up_problem
 from mocapella.library.people_report import PeopleReport, alarms, people_report
 from mocapella.library.recording import Recording
+from mocapella.library.rig_image_sizes import check_image_sizes
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.keypoints import KeypointFrame
@@ -148,6 +149,7 @@ def track_detections(
         if len(one.numbers)
     }
     frames = _with_all_instants(frames, found, names, fps)
+    check_image_sizes(frames, rig, file=source)
     arrivals = arrivals_of(frames, rig)
     recording, scenes = track_arrivals(
         arrivals, rig, source=source, record=record, settings=settings, progress=progress

@@ -16,6 +16,8 @@ from mocapella.recording.detections import AUTO, CameraDetections
 Progress = Callable[[str], None]
 
 SUFFIXES: Final = (".json", ".csv", ".h5", ".hdf5")
+FILMS: Final = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm")
+"""Endings of films, which have no keypoints yet."""
 POSE_FOLDERS: Final = ("pose-sync", "pose")
 """Folders with the detections in a folder of Pose2Sim, the preferred first: synchronised ones, raw ones."""
 _KINDS: Final = "JSON of OpenPose, MMPose or AlphaPose, CSV or H5 of DeepLabCut or SLEAP, or Mocapella's CSV"
@@ -78,6 +80,9 @@ def _of_path(path: Path, order: str, progress: Progress) -> list[CameraDetection
             return _of_path(path / name, order, progress)
     cameras = [folder for folder in folders if any(folder.glob("*.json"))]
     if not cameras:
+        if any(entry.suffix.lower() in FILMS for entry in entries):
+            fix = "these are films: mocapella people detects and tracks the people in them"
+            raise InputError("no detections in this folder", file=path, fix=fix)
         raise InputError("no detections in this folder", file=path, fix=_ONE_EACH)
     return [camera for folder in cameras for camera in _of_path(folder, order, progress)]
 

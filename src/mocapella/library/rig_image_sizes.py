@@ -1,0 +1,160 @@
+"""Check that keypoints are of images of the size that a rig is calibrated for.
+
+Files of keypoints do not state the size of the images. Keypoints outside the image, or cameras that agree only if all
+keypoints are scaled, show that the rig is for another size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocapella.errors import InputError
+from mocapella.geometry.lens import undistort
+from mocapella.geometry.rigid import inverse
+from mocapella.model.camera import CameraRig, PlacedCamera
+from mocapella.model.keypoints import KeypointFrame
+
+Float64 = NDArray[np.float64]
+
+CONFIDENT: Final = 0.3
+"""Keypoints with a higher confidence are used."""
+FEWEST: Final = 60
+"""Least number of such keypoints of a camera that tell something."""
+OUTSIDE: Final = 0.2
+"""Share of them outside the image above which the rig is for another size."""
+MARGIN: Final = 0.05
+"""A keypoint is outside if it is farther from the image than this part of its width; detectors guess a little."""
+SCALES: Final = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
+"""Ratios of common image sizes, tried as the size that the rig is for, divided by that of the images."""
+INSTANTS: Final = 12
+"""Number of instants that are compared."""
+SHARED: Final = 5
+"""Least number of keypoints that two detections share."""
+AGREES: Final = 0.2
+"""Largest angle between two cameras' rays where the size is right, as part of the spread of the person's rays."""
+BETTER: Final = 2.0
+"""The angle without scaling is at least so many times that of the scale that is reported."""
+
+
+def check_image_sizes(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig, *, file: object) -> None:
+    """Check that the images of keypoints have the size that the rig is calibrated for.
+
+    Args:
+        frames: the frames by the rig's camera names; frames of one instant have the same ``sequence``.
+        rig: the cameras.
+        file: named in errors.
+
+    Raises:
+        InputError: the keypoints are of images of another size than the rig; names the likely size.
+    """
+    for name, some in frames.items():
+        check_inside(name, some, file=file, stated="the rig has", fix="give a rig for the size of the images")
+    scale = _scale(frames, {name: rig.cameras[name] for name in frames})
+    if scale is not None:
+        name = next(iter(frames))
+        width, height = rig.cameras[name].camera.size_px
+        raise InputError(
+            f"the rig is for images of {width} × {height} px (camera {name}); its cameras agree about people if the "
+            f"images have {width / scale:.0f} × {height / scale:.0f} px", file=file,
+            fix="give a rig for the size of the images, or detect in images of the rig's size",
+        )  # fmt: skip
+
+
+def check_inside(name: str, frames: Sequence[KeypointFrame], *, file: object, stated: str, fix: str) -> None:
+    """Check that the keypoints of a camera are in images of its size.
+
+    Args:
+        name: the camera.
+        frames: its frames.
+        file: named in errors.
+        stated: who states the size, such as ``the rig has``.
+        fix: the remedy; the place that the keypoints reach to is added.
+
+    Raises:
+        InputError: many are outside.
+    """
+    pixels = np.concatenate([np.empty((0, 2)), *(one.positions_px[one.confidences > CONFIDENT] for one in frames)])
+    if len(pixels) < FEWEST:
+        return
+    width, height = frames[0].size_px
+    outside = ((pixels < -MARGIN * width) | (pixels > np.array([width, height]) + MARGIN * width)).any(axis=-1)
+    if outside.mean() > OUTSIDE:
+        reach = np.percentile(pixels, 99, axis=0)
+        raise InputError(
+            f"{outside.mean():.0%} of its keypoints are outside the {width} × {height} px that {stated}", file=file,
+            field=f"camera {name}", fix=f"{fix}; the keypoints reach to {reach[0]:.0f}, {reach[1]:.0f}",
+        )  # fmt: skip
+
+
+def _scale(frames: Mapping[str, Sequence[KeypointFrame]], cameras: Mapping[str, PlacedCamera]) -> float | None:
+    """Return the factor of the keypoints with which the cameras agree; None if they agree as they are, or never."""
+    instants = _instants(frames)
+    plain = _disagreement(instants, cameras, 1.0)
+    if not plain > AGREES:  # also if there is nothing to compare
+        return None
+    tried = ((_disagreement(instants, cameras, scale), scale) for scale in SCALES)
+    least, best = min((one for one in tried if np.isfinite(one[0])), default=(np.inf, 1.0))
+    return best if least < AGREES and least * BETTER < plain else None
+
+
+def _instants(frames: Mapping[str, Sequence[KeypointFrame]]) -> list[dict[str, KeypointFrame]]:
+    """Return frames with people, by camera, of at most `INSTANTS` instants that two cameras or more see."""
+    at: dict[int, dict[str, KeypointFrame]] = {}
+    for name, some in frames.items():
+        for one in some:
+            if one.bodies:
+                at.setdefault(one.sequence, {})[name] = one
+    several = [seen for _, seen in sorted(at.items()) if len(seen) > 1]
+    return several[:: max(1, -(-len(several) // INSTANTS))]
+
+
+def _disagreement(
+    instants: Sequence[Mapping[str, KeypointFrame]], cameras: Mapping[str, PlacedCamera], scale: float
+) -> float:
+    """Return the median angle of people's rays out of the planes of the other camera's rays; NaN without pairs.
+
+    Angles are parts of the spread of the person's rays, which a scale changes, too. Of the detections in the other
+    image, the best one counts.
+    """
+    found: list[float] = []
+    for seen in instants:
+        rays = {name: _rays(frame, cameras[name], scale) for name, frame in seen.items()}
+        for one, other in combinations(rays, 2):
+            (o, some), (p, others) = rays[one], rays[other]
+            if some.shape[1] != others.shape[1]:  # another topology
+                continue
+            normals = np.cross(some, p - o)
+            normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+            angles = np.abs(np.einsum("ijk,ljk->ilj", normals, others))  # detections, others, keypoints
+            enough: Any = np.isfinite(angles).sum(axis=-1) >= SHARED
+            medians = np.full(enough.shape, np.inf)
+            medians[enough] = np.nanmedian(angles[enough], axis=-1)
+            best = medians.min(axis=1) / np.maximum(_spread(some), 1e-9)
+            found += best[np.isfinite(best)].tolist()
+    return float(np.median(found)) if found else float("nan")
+
+
+def _spread(rays: Float64) -> Float64:
+    """Return the standard deviation (detections,) of each detection's directions (detections, keypoints, 3) [rad]."""
+    known: Any = np.isfinite(rays).all(axis=-1)
+    count = np.maximum(known.sum(axis=-1), 1)[:, None]
+    mean = np.where(known[..., None], rays, 0.0).sum(axis=1) / count
+    off = np.where(known[..., None], rays - mean[:, None], 0.0)
+    spread: Float64 = np.sqrt((off**2).sum(axis=(1, 2)) / count[:, 0])
+    return spread
+
+
+def _rays(frame: KeypointFrame, placed: PlacedCamera, scale: float) -> tuple[Float64, Any]:
+    """Return a camera's centre (3,) and the directions (detections, keypoints, 3) of its keypoints, NaN if not sure."""
+    sure = (frame.confidences > CONFIDENT)[..., None]
+    pixels = np.where(sure, scale * np.asarray(frame.positions_px, np.float64), np.nan)
+    flat = undistort(pixels, placed.camera.lens)
+    directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    T_world_camera = inverse(placed.T_camera_world)
+    return T_world_camera[:3, 3], directions @ T_world_camera[:3, :3].T
