@@ -124,6 +124,7 @@ def _asked() -> list[Door]:
     from mocapella.live.board_cameras import NodeCameras
     from mocapella.live.view import Link
     from mocapella.model.board import Board
+    from mocapella.wire.expected import read_expected
     from mocapella.wire.questions import read_answer, read_question
 
     cameras = NodeCameras(lambda *_: None, lambda: (), ["left"], Board("charuco", 7, 5, 0.03))  # type: ignore[arg-type, return-value]
@@ -144,6 +145,7 @@ def _asked() -> list[Door]:
 
     return [
         of_bytes("questions", asked, read_question, TEXT),
+        of_bytes("expected people", [b'{"time_ns":5,"regions_px":[[0,1,20.5,40]]}'], read_expected, TEXT),
         of_bytes("questions of the view", [b'{"ask":"picture","scale":0.5,"format":"png"}'],
                  lambda data: Link.ask(link, "left", decode_json(data, dict[str, Any]), 1.0), TEXT),
         of_bytes("answers", [shown, controls], read_answer, TEXT),

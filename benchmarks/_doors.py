@@ -222,7 +222,7 @@ def _files(folder: Path) -> list[Door]:
     from mocapella.recording.trc_file import read_trc
     from mocapella.sources.body_replay import BodyReplay
     from mocapella.sources.depth_files import read_depth_png, read_sidecar
-    from mocapella.sources.video import read_image, read_timestamps
+    from mocapella.sources.video import is_cut_off, read_image, read_timestamps
 
     log = seeds.study_log(folder)
     images = seeds.images()
@@ -259,6 +259,7 @@ def _files(folder: Path) -> list[Door]:
                  read_measured_distances, TEXT),
         of_file("timestamps", folder / "times.csv", [b"camera,frame,time_s\na,0,0.1\na,1,0.2\n"],
                  lambda path: read_timestamps(path, ["a"]), TEXT),
+        of_file("boxes of an MP4", folder / "film.mp4", [seeds.MP4], is_cut_off, BYTES),
         of_file("followed bodies", folder / "body.json", [seeds.BODY, seeds.PEOPLE], read_followed_people, TEXT),
         of_file("named joints", folder / "joints.json", [b'{"anna":{"hip":[0,1,2],"knee":[0,0.5,2]}}'], joints, TEXT),
         of_file("space alignments", folder / "space.toml", [seeds.SPACE], load_space, TEXT),
@@ -293,6 +294,7 @@ def _settings_files(folder: Path) -> list[Door]:
     from mocapella.cli.hand import HandKeys
     from mocapella.cli.serve import _is_rig, load_layout_option
     from mocapella.decoding import decode_json
+    from mocapella.evaluation.hand_clips import read_numbers
     from mocapella.evaluation.point_references import caliscope_points
     from mocapella.model.board import Board, encode_board, load_board
     from mocapella.model.hand import HandShape
@@ -327,6 +329,8 @@ def _settings_files(folder: Path) -> list[Door]:
         of_file("colour files", folder / "colours.json", [seeds.colour_profile()], load_profile, TEXT, share=0.05),
         of_file("reference points", folder / "xyz.csv", [seeds.CALISCOPE], lambda path: caliscope_points(path, space),
                 TEXT),
+        of_file("numbers of a camera", folder / "c0.dat", [b"R:\n1 0 0\n0 1 0\n0 0 1\nT:\n0.5 -2 16\n"], read_numbers,
+                TEXT, share=0.05),
         of_file("rooms to plan", folder / "room.toml", [example_room().encode()], read_room, TEXT),
         of_file("scene files", folder / "scene.toml", [seeds.SCENE], read_scene, TEXT),
         of_bytes("sensor errors", [errors], lambda data: errors_from_json(data, "errors.json"), TEXT, 0.02),

@@ -73,6 +73,11 @@ Frame Time: 0.01
 TRC: Final = (
     b"PathFileType\t4\nDataRate\tUnits\n30\tm\nFrame#\tTime\tnose\t\t\n\t\tX1\tY1\tZ1\n1\t0.0\t1\t2\t3\n2\t0.1\t\t\t\n"
 )
+MP4: Final = b"".join(
+    (8 + len(body)).to_bytes(4, "big") + kind + body
+    for kind, body in ((b"ftyp", bytes(16)), (b"moov", bytes(8)), (b"mdat", bytes(32)))
+)
+"""The boxes of a film, without images."""
 OPENPOSE: Final = b'{"people":[{"pose_keypoints_2d":[' + b",".join([b"1.5,2.5,0.9"] * 25) + b"]}]}"
 _INSTANCES: Final = (
     b'"instances":[{"keypoints":['

@@ -26,9 +26,11 @@ from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival
 from mocapella.sources.simulate.crowd import CrowdScene, crowd_scene
+from mocapella.sources.simulate.hand_keypoints import hand_frames, hand_keypoint_scene
 from mocapella.sources.simulate.keypoint_camera import SimulatedKeypoints
 from mocapella.tracker.instants import CameraInstant
 from mocapella.tracker.webcams import WebcamsTracker
+from mocapella.tracker.webcams_hands import WebcamsHands
 
 CAMERAS: Final = 8
 HZ: Final = 30
@@ -50,6 +52,7 @@ def run(quick: bool = False) -> list[Row]:
         measured(f"webcams: an instant with its 8 scenes, {what}", ms, "ms"),
         measured(f"webcams: an instant, 95th percentile, {what}", slow, "ms"),
     ]
+    rows += hand_rows(1.0 if quick else 4.0)
     with tempfile.TemporaryDirectory() as folder:
         write_project(Path(folder), scene.rig, items)
         begin = time.process_time()
@@ -73,6 +76,37 @@ def run(quick: bool = False) -> list[Row]:
     for stage, seconds in peer["seconds"].items():
         rows.append(measured(f"webcams: {name}, {stage}, an instant", 1e3 * seconds / len(items), "ms"))
     return rows
+
+
+def hand_rows(seconds: float) -> list[Row]:
+    """Time of the fit of one hand of a person, and of both with their assignment, with errors of a detector."""
+    fits: list[float] = []
+    updates: list[float] = []
+
+    class TimedHands(WebcamsHands):
+        def _fit(self, one: Any, seen: Any) -> None:
+            begin = time.process_time()
+            super()._fit(one, seen)
+            fits.append(time.process_time() - begin)
+
+        def update(self, *arguments: Any) -> None:
+            begin = time.process_time()
+            super().update(*arguments)
+            updates.append(time.process_time() - begin)
+
+    scene = hand_keypoint_scene("person")
+    tracker = WebcamsTracker(scene.rig, sensors_expected=len(scene.rig.cameras))
+    tracker._hands = TimedHands(tracker.settings)
+    tracker._hands.set_rig(scene.rig)
+    for item in hand_frames(scene, 0, seconds=1.0 + seconds):
+        tracker.update(Arrival(item.frame, item.at_ns))
+    what = f"{len(scene.rig.cameras)} cameras × 21 keypoints"
+    skipped = HZ  # instants of the first second, in which kernels are compiled and the person is found
+    fit_ms, both_ms = (1e3 * float(np.median(values)) for values in (fits[2 * skipped :], updates[skipped:]))
+    return [
+        measured(f"webcams: fit of a hand, {what}", fit_ms, "ms", goal=at_most(0.3)),
+        measured(f"webcams: both hands of a person with their assignment, {what}", both_ms, "ms"),
+    ]
 
 
 def instants(scene: CrowdScene, count: int) -> list[list[SimulatedKeypoints]]:

@@ -6,13 +6,16 @@ A method is a key of `mocapella.tracker.METHODS` whose tracker has the interface
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+import msgspec
+
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.protocol import ScoredTracker
-from mocapella.settings import settings_of_pairs
-from mocapella.tracker import make_tracker, methods_making
+from mocapella.settings import parse, settings_of_pairs
+from mocapella.tracker import METHODS, make_tracker, methods_making
 
 AS_LOGGED: Final = "stand-still"
 """The thesis' own method: the logged rows are its output, and are scored unchanged."""
@@ -56,6 +59,23 @@ def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
 
     make(2)
     return make
+
+
+def settings_used(text: str) -> str:
+    """Return all settings with which a method is scored, also the defaults, as JSON; words for the logged rows.
+
+    Args:
+        text: as in `scored_tracker`.
+
+    Raises:
+        SettingsError: no such method or setting.
+    """
+    if text == AS_LOGGED:
+        return "the rows as they were logged"
+    method, settings = method_with_settings(text)
+    used: Any = parse(METHODS.find(method).settings, settings, where=f"settings of {method}")
+    # Not encoded as it is: msgspec leaves out what a parsed dataclass has from its class.
+    return msgspec.json.encode(dataclasses.asdict(used), order="sorted").decode()
 
 
 def check_methods(methods: Sequence[str], *, some: bool = False) -> None:

@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.keypoint_bundle import JOINTS
+from mocapella.calibration.keypoint_start import triangulate_rays
 from mocapella.calibration.keypoint_tracks import collect_tracks
 from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
-from mocapella.calibration.rig_from_people import RigFromPeopleSettings, solve_people
-from mocapella.geometry.rigid import inverse
+from mocapella.calibration.rig_from_people import CENTRE_SD, PeopleSolution, RigFromPeopleSettings, solve_people
+from mocapella.geometry.lens import project
+from mocapella.geometry.plucker import camera_rays
+from mocapella.geometry.rigid import apply, inverse
 from mocapella.geometry.twists import log_motion
 from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
-from mocapella.sources.simulate.crowd import crowd_scene
+from mocapella.sources.simulate.crowd import build_crowd, crowd_settings
 
 Float64 = NDArray[np.float64]
 
@@ -32,6 +37,7 @@ class RigErrorRow(msgspec.Struct, frozen=True):
         name: the scene, or the recording.
         seed: of the scene and of the samples.
         lenses: whether the lenses were given.
+        same_lenses: whether it was stated that the cameras are of one model.
         position_mm, direction_deg: worst errors of a camera after the best rigid motion, scale by a camera distance.
         focal_percent: worst error of a focal length; 0 if the lenses were given.
         clock_ms: worst error of a clock relative to the first camera's.
@@ -39,12 +45,14 @@ class RigErrorRow(msgspec.Struct, frozen=True):
         nees: mean normalised squared error of the poses relative to the first camera's; 1 if the stated covariance is
             right.
         stated_mm: worst stated standard deviation of a position.
+        shift_px: largest shift of a person as a whole against the true rig, see `shift_of_people`.
         good: whether the calibration says that it is good.
     """
 
     name: str
     seed: int
     lenses: bool
+    same_lenses: bool
     position_mm: float
     direction_deg: float
     focal_percent: float
@@ -52,33 +60,35 @@ class RigErrorRow(msgspec.Struct, frozen=True):
     stature_scale: float
     nees: float
     stated_mm: float
+    shift_px: float
     good: bool
 
 
-def run_scene(scene: str, seed: int, *, lenses: bool, seconds: float = 30.0) -> RigErrorRow:
-    """Calibrate the cameras of a simulated crowd.
+def run_scene(scene: str, seed: int, *, lenses: bool, same_lenses: bool = False, seconds: float = 30.0) -> RigErrorRow:
+    """Calibrate the cameras of a simulated crowd, whose principal points are not in the middle.
 
     Args:
         scene: a name of `crowd_names`.
         seed: of the simulation.
         lenses: whether the lenses are given.
-        seconds: time of the scene that is used [s].
+        same_lenses: whether it is stated that the cameras are of one model, as they are.
+        seconds: duration of the scene; people of scenarios other than ``wander`` stand when theirs has ended [s].
 
     Raises:
         SettingsError: unknown scene.
         CalibrationError: the people do not determine the cameras.
     """
-    made = crowd_scene(scene, seed=seed)
+    own = crowd_settings(scene)
+    ring = replace(own.ring, centre_sd=CENTRE_SD)
+    made = build_crowd(replace(own, seed=seed, seconds=seconds, ring=ring))
     frames = [item.frame for item in made.frames()]
-    first = min(frame.time_ns for frame in frames)
-    kept = [frame for frame in frames if frame.time_ns - first <= seconds * 1e9]
     stature = float(np.mean([person.stature for person in made.settings.people]))
-    return run_frames(kept, made.rig, scene, seed=seed, lenses=lenses, stature_m=stature)
+    return run_frames(frames, made.rig, scene, seed=seed, lenses=lenses, same_lenses=same_lenses, stature_m=stature)
 
 
 def run_frames(
     frames: Sequence[KeypointFrame], true: CameraRig, name: str, *, seed: int = 0, lenses: bool = True,
-    stature_m: float = float("nan"), every_s: float = 0.2,
+    same_lenses: bool = False, stature_m: float = float("nan"), every_s: float = 0.2,
 ) -> RigErrorRow:  # fmt: skip
     """Calibrate the cameras of keypoint frames, and compare with the true rig.
 
@@ -88,6 +98,7 @@ def run_frames(
         name: of the row.
         seed: of the random samples.
         lenses: whether the lenses are given.
+        same_lenses: whether it is stated that the cameras are of one model.
         stature_m: true mean stature of the people [m]; NaN if unknown.
         every_s: shortest interval between instants [s].
 
@@ -95,7 +106,7 @@ def run_frames(
         CalibrationError: the people do not determine the cameras.
     """
     known = {key: placed.camera for key, placed in true.cameras.items()} if lenses else {}
-    settings = RigFromPeopleSettings(seed=seed, every_s=every_s)
+    settings = RigFromPeopleSettings(seed=seed, every_s=every_s, same_lenses=same_lenses)
     solved = solve_people(collect_tracks(frames), known, settings)
     far = _farthest(true)
     apart = float(np.linalg.norm(_centre(true, far[0]) - _centre(true, far[1])))
@@ -109,11 +120,45 @@ def run_frames(
     focal = [found.rig.cameras[n].camera.lens[0] / true.cameras[n].camera.lens[0] - 1 for n in names]
     clocks = np.array([found.rig.cameras[n].clock_s - true.cameras[n].clock_s for n in names])
     return RigErrorRow(
-        name, seed, lenses, 1e3 * float(position.max()), math.degrees(float(direction.max())),
+        name, seed, lenses, same_lenses, 1e3 * float(position.max()), math.degrees(float(direction.max())),
         100 * float(np.abs(focal).max()), 1e3 * float(np.abs(clocks - clocks[0]).max()), scale,
         float(np.mean(normalised_squares(found, true))),
-        max(c.position_sd_mm for c in found.cameras.values()), found.good,
+        max(c.position_sd_mm for c in found.cameras.values()), shift_of_people(solved, true), found.good,
     )  # fmt: skip
+
+
+def shift_of_people(solved: PeopleSolution, true: CameraRig) -> float:
+    """Return how far the keypoints of a person are from the joints that all cameras of a rig triangulate, in common.
+
+    A detector's errors differ between joints, so a shift of several pixels that all joints of a person have in one
+    camera is an error of the rig, such as of a principal point.
+
+    Args:
+        solved: the people, with their keypoints in all cameras.
+        true: the rig to be tested; it has the cameras of ``solved``.
+
+    Returns:
+        The largest length of the median shift of a person in a camera [px].
+    """
+    views, placed = solved.views, [true.cameras[name] for name in solved.names]
+    bodies = len(views.person)
+    rays = np.full((bodies, JOINTS, len(placed), 3), np.nan)
+    for c, one in enumerate(placed):
+        mine = views.camera == c
+        directions = camera_rays(views.pixel[mine], one.camera.lens, one.T_camera_world)[:, :3]
+        rays[views.body[mine], views.joint[mine], c] = directions
+    origins = np.stack([_centre(true, name) for name in solved.names])
+    flat = rays.reshape(-1, len(placed), 3)
+    joints = triangulate_rays(origins, flat, np.ones(flat.shape[:2])).reshape(bodies, JOINTS, 3)
+    shifts = [0.0]
+    for c, one in enumerate(placed):
+        mine = views.camera == c
+        seen = project(apply(one.T_camera_world, joints[views.body[mine], views.joint[mine]]), one.camera.lens)
+        off, person = views.pixel[mine] - seen, views.person[views.body[mine]]
+        usable = np.isfinite(off).all(axis=1)
+        for number in np.unique(person[usable]):
+            shifts.append(float(np.linalg.norm(np.median(off[usable & (person == number)], axis=0))))
+    return max(shifts)
 
 
 def _centre(rig: CameraRig, name: str) -> Float64:

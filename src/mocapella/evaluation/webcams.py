@@ -124,7 +124,7 @@ def score_scene(
         settings: settings of the method; None for the defaults.
         tracker: another tracker, in the world of the scene's rig; None for the method's.
     """
-    return score_frames(scene.frames(), scene.rig, tracker or _tracker(scene.rig, settings))
+    return score_frames(scene.frames(), scene.rig, tracker or _tracker(scene.calibrated, settings))
 
 
 def score_frames(items: Iterable[SimulatedKeypoints], rig: CameraRig, tracker: Tracked) -> PeopleFigures:
