@@ -74,6 +74,7 @@ PROGRAMS = (
     "live/test_processes.py",
     "live/test_datagrams.py",
     "live/test_labels.py",
+    "live/test_expected_people.py",
     "live/test_server.py",
     "live/test_server_errors.py",
     "live/test_server_junk.py",

@@ -118,6 +118,17 @@ def test_a_subclass_of_arrays_goes_through_the_dispatcher() -> None:
     assert dispatcher.entries == 2
 
 
+def test_calls_of_one_kernel_share_its_entry_points() -> None:
+    dispatcher = Dispatcher()
+    KernelCall(dispatcher)(One(np.zeros(3)), 1.0)
+    dispatcher.overloads.clear()  # so that only the shared entry point is left
+    kernel = KernelCall(dispatcher)
+    kernel(One(np.ones(3)), 2.0)
+    before = dispatcher.entries
+    assert kernel(One(np.zeros(3)), 3.0) == types_of(One(np.zeros(3)), 3.0)
+    assert dispatcher.entries == before + 1
+
+
 def test_a_kernel_without_overloads_is_called_itself() -> None:
     kernel = KernelCall(lambda value: value + 1)
     assert [kernel(1), kernel(1), kernel(2)] == [2, 2, 3]

@@ -14,6 +14,8 @@ _FORTRAN: Final = 0x2
 """Flag that belongs to the type of any other array."""
 _SCALARS: Final = frozenset({type(None), bool, int, float, np.bool_, np.int64, np.float64})
 _UNKNOWN: Final = None
+_ENTRIES: Final[dict[tuple[Any, tuple[Any, ...]], Callable[..., Any]]] = {}
+"""Entry points found so far, by kernel and kinds of arguments: numba takes milliseconds to derive a hundred types."""
 
 
 class KernelCall:
@@ -51,7 +53,11 @@ class KernelCall:
 
         result = self._kernel(*arguments)
         kinds = tuple(map(_kind, arguments))
-        if _UNKNOWN not in kinds and (entry := entry_point(self._kernel, arguments)):
+        if _UNKNOWN in kinds:
+            return result
+        entry = _ENTRIES.get((self._kernel, kinds)) or entry_point(self._kernel, arguments)
+        if entry is not None:
+            _ENTRIES[self._kernel, kinds] = entry
             self._known = arguments, kinds, entry
         return result
 

@@ -1,9 +1,13 @@
-"""Depth cameras behind the interfaces of four packages, with a plug that can be pulled."""
+"""Depth cameras behind the interfaces of their packages, with a plug that can be pulled."""
+
+# ruff: noqa: N802, N818 - names of the real packages
 
 from __future__ import annotations
 
 import ctypes
 import time
+from collections.abc import Callable
+from datetime import timedelta
 from types import SimpleNamespace
 from typing import Any
 
@@ -282,4 +286,205 @@ def pyorbbecsdk(camera: FakeCamera, *, obeys: bool = True, silent: bool = False)
         Config=lambda: SimpleNamespace(enable_stream=lambda _: None),
         OBSensorType=SimpleNamespace(DEPTH_SENSOR="depth", COLOR_SENSOR="colour"),
         OBFormat=SimpleNamespace(Y16="y16", RGB="rgb"),
+    )  # fmt: skip
+
+
+def depthai(camera: FakeCamera, *, version: str = "3.12.0", pairs: int = 1, sockets: tuple[str, ...] = ("A", "B", "C"),
+            platform: str = "RVC2", silent: bool = False) -> Any:  # fmt: skip
+    """``depthai``, version 3. Depth that is not linked to colour has no colour's lens."""
+
+    class QueueException(Exception):
+        pass
+
+    class Output:
+        def __init__(self, get: Callable[[], Any]) -> None:
+            self.get = get
+
+        def link(self, target: Any) -> None:
+            target.source = self
+
+        def createOutputQueue(self, maxSize: int = 16, blocking: bool = False) -> Any:
+            assert (maxSize, blocking) == (2, False)
+            return Queue(self.get)
+
+    class Queue:
+        def __init__(self, get: Callable[[], Any]) -> None:
+            self.taken = get
+
+        def get(self, timeout: timedelta) -> Any:
+            assert timeout > timedelta(0)
+            if not camera.plugged:
+                raise QueueException("Connection closed")
+            if silent:
+                time.sleep(0.001)
+                return None
+            return self.taken()
+
+    def frame(image: np.ndarray, focal: float) -> Any:
+        K = [[focal, 0.0, 3.25], [0.0, focal + 0.5, 2.75], [0.0, 0.0, 1.0]]
+        stamp = timedelta(milliseconds=camera.stamp_ms)
+        return SimpleNamespace(
+            getFrame=lambda: image, getCvFrame=lambda: image, getTimestamp=lambda: stamp, getWidth=lambda: SIZE[0],
+            getHeight=lambda: SIZE[1], getTransformation=lambda: SimpleNamespace(getIntrinsicMatrix=lambda: K),
+        )  # fmt: skip
+
+    class StereoDepth:
+        def build(self, *, autoCreateCameras: bool, size: tuple[int, int], fps: float) -> StereoDepth:
+            assert autoCreateCameras
+            camera.asked.update(size=size, fps=fps)
+            self.inputAlignTo = SimpleNamespace(source=None)
+            self.depth = Output(lambda: frame(camera.image(), 7.0 if self.inputAlignTo.source else 6.0))
+            return self
+
+    class Camera:
+        def build(self, socket: str) -> Camera:
+            assert socket == "A"
+            return self
+
+        def requestOutput(self, size: tuple[int, int], *, fps: float, enableUndistortion: bool) -> Output:
+            assert enableUndistortion
+            return Output(lambda: frame(np.ascontiguousarray(camera.colour()[..., ::-1]), 7.0))
+
+    class ImageAlign:
+        def __init__(self) -> None:
+            camera.asked["aligned by"] = "ImageAlign"
+            self.input, self.inputAlignTo = SimpleNamespace(), SimpleNamespace()
+            self.outputAligned = Output(self._aligned)
+
+        def _aligned(self) -> Any:
+            assert self.inputAlignTo.source is not None
+            return frame(self.input.source.get().getFrame(), 7.0)
+
+    class Sync:
+        def __init__(self) -> None:
+            self.inputs = {"depth": SimpleNamespace(), "colour": SimpleNamespace()}
+            self.out = Output(lambda: {name: self.inputs[name].source.get() for name in ("depth", "colour")})
+
+        def setSyncThreshold(self, threshold: timedelta) -> None:
+            camera.asked["within"] = threshold
+
+    class Pipeline:
+        def __init__(self, device: Any) -> None:
+            assert isinstance(device, Device)
+
+        def create(self, node: type) -> Any:
+            return node()
+
+        def start(self) -> None:
+            camera.started += 1
+
+        def stop(self) -> None:
+            camera.stopped += 1
+            if not camera.plugged:
+                raise RuntimeError("device is gone")
+
+    class Device:
+        def __init__(self, info: Any) -> None:
+            camera.asked["device"] = info
+            if not camera.plugged or info == "lost":
+                raise RuntimeError(f"Cannot find any device with given deviceInfo {info}")
+
+        @staticmethod
+        def getAllAvailableDevices() -> list[str]:
+            return ["first"] if camera.plugged else []
+
+        def setMaxReconnectionAttempts(self, attempts: int) -> None:
+            assert attempts == 0
+
+        def getAvailableStereoPairs(self) -> list[Any]:
+            return [object()] * pairs
+
+        def getConnectedCameras(self) -> list[str]:
+            return list(sockets)
+
+        def getPlatform(self) -> str:
+            return platform
+
+        def close(self) -> None:
+            camera.asked["closed"] = True
+
+    return SimpleNamespace(
+        __version__=version, Device=Device, DeviceInfo=lambda name: name, Pipeline=Pipeline,
+        node=SimpleNamespace(StereoDepth=StereoDepth, Camera=Camera, ImageAlign=ImageAlign, Sync=Sync),
+        CameraBoardSocket=SimpleNamespace(CAM_A="A"), Platform=SimpleNamespace(RVC2="RVC2", RVC4="RVC4"),
+        MessageQueue=SimpleNamespace(QueueException=QueueException),
+    )  # fmt: skip
+
+
+def pylibfreenect2(camera: FakeCamera, *, opens: bool = True) -> Any:
+    """``pylibfreenect2``: a Kinect v2, whose registered image has the colour of each pixel of the depth image."""
+
+    class Frame:
+        def __init__(self, width: int, height: int, pixel_bytes: int) -> None:
+            assert (width, height, pixel_bytes) == (512, 424, 4)
+            self.values: Any = None
+
+        def asarray(self, dtype: Any) -> np.ndarray:
+            assert self.values.dtype == dtype
+            return self.values  # type: ignore[no-any-return]
+
+    class Listener:
+        def __init__(self, kinds: int) -> None:
+            assert kinds == 7
+
+        def waitForNewFrame(self, frame_map: Any = None, milliseconds: int = -1) -> dict[str, Any] | None:
+            assert frame_map is None
+            assert milliseconds > 0
+            if not camera.plugged:
+                time.sleep(0.001)
+                return None
+            camera.frames += 1
+            camera.asked["held"] = camera.asked.get("held", 0) + 1
+            depth = np.full((424, 512), 700.4 + camera.frames, np.float32)
+            depth[0, 1], depth[0, 2], depth[0, 3] = np.nan, np.inf, 1e9
+            return {"color": camera.frames, "depth": depth}
+
+        def release(self, _frames: Any) -> None:
+            camera.asked["held"] -= 1
+
+    class Registration:
+        def __init__(self, infrared: Any, colour: Any) -> None:
+            assert (infrared.fx, colour) == (365.5, "colour")
+
+        def apply(self, colour: int, depth: np.ndarray, undistorted: Frame, registered: Frame) -> None:
+            undistorted.values = depth
+            registered.values = np.zeros((424, 512, 4), np.uint8)
+            registered.values[..., 1], registered.values[..., 2] = 7, colour
+
+    class Device:
+        def setColorFrameListener(self, listener: Listener) -> None: ...
+
+        def setIrAndDepthFrameListener(self, listener: Listener) -> None: ...
+
+        def start(self) -> None:
+            camera.started += 1
+
+        def stop(self) -> None:
+            camera.stopped += 1
+
+        def close(self) -> None:
+            camera.asked["closed"] = True
+
+        def getIrCameraParams(self) -> Any:
+            return SimpleNamespace(fx=365.5, fy=365.6, cx=256.5, cy=205.5, k1=0.1, k2=-0.2, k3=0.1, p1=0.0, p2=0.0)
+
+        def getColorCameraParams(self) -> str:
+            return "colour"
+
+    class Freenect2:
+        def enumerateDevices(self) -> int:
+            return int(camera.plugged)
+
+        def getDeviceSerialNumber(self, index: int) -> bytes:
+            assert index == 0
+            return b"0123456747"
+
+        def openDevice(self, serial: bytes) -> Device | None:
+            assert serial == b"0123456747", "the real driver crashes"
+            camera.asked["device"] = serial
+            return Device() if opens and camera.plugged else None
+
+    return SimpleNamespace(
+        Freenect2=Freenect2, SyncMultiFrameListener=Listener, Registration=Registration, Frame=Frame,
+        FrameType=SimpleNamespace(Color=1, Ir=2, Depth=4),
     )  # fmt: skip

@@ -7,6 +7,7 @@
  * K4A_DEVICES  number of cameras (1)
  * K4A_BODIES   number of bodies (2)
  * K4A_USEC     time of the first image (33333), and with K4A_STEP from one to the next (33333) [us]
+ * K4A_LENS     type of the lenses (4)
  * K4A_JUMP     "5:-100000": from image 5 on the device's clock shows so much more [us]
  */
 #include <math.h>
@@ -29,6 +30,7 @@ typedef struct { extrinsics_t extrinsics; int type; unsigned count; float parame
 typedef struct { lens_t depth, color; extrinsics_t extrinsics[4][4]; int depth_mode, color_resolution; } calibration_t;
 _Static_assert(sizeof(calibration_t) == 1032, "k4a_calibration_t");
 typedef struct { uint64_t number, usec; } capture_t;
+typedef struct { int width, height, stride; uint64_t number, usec; uint8_t *pixels; } image_t;
 
 static long number_of(const char *name, long otherwise) {
     const char *text = getenv(name);
@@ -69,6 +71,22 @@ static bool named(const char *variable, const char *function, site_t *site) {
 #ifndef K4ABT
 
 static uint64_t images;
+static int mode; /* of the depth camera */
+
+/* cx cy fx fy k1 to k6 codx cody p2 p1 radius; the magnitudes are those of a device. */
+static const float DEPTH_LENS[15] = {332.06f, 325.88f, 503.93f, 503.98f, 3.130577f, 2.324939f, 0.130416f, 3.458652f,
+                                     3.350115f, 0.662942f, 0, 0, -0.00005f, 0.00008f, 1.74f};
+static const float COLOUR_LENS[15] = {635.2f, 369.8f, 602.7f, 602.3f, 0.722746f, -2.88559f, 1.632723f, 0.602199f,
+                                      -2.719626f, 1.565053f, 0, 0, -0.00014f, 0.00078f, 1.7f};
+
+static void put_lens(lens_t *lens, const float *parameters, int width, int height, float scale) {
+    lens->type = (int)number_of("K4A_LENS", 4);
+    lens->count = 14;
+    memcpy(lens->parameters, parameters, sizeof lens->parameters);
+    for (int k = 0; k < 4; ++k) lens->parameters[k] *= scale;
+    lens->width = width;
+    lens->height = height;
+}
 
 uint32_t k4a_device_get_installed_count(void) { return (uint32_t)number_of("K4A_DEVICES", 1); }
 
@@ -91,7 +109,11 @@ int k4a_device_get_serialnum(void *device, char *text, size_t *size) {
 
 int k4a_device_start_cameras(void *device, const camera_t *camera) {
     RESULT("k4a_device_start_cameras");
-    if (camera->color_resolution || camera->synchronized || camera->sync_mode || camera->no_led) return FAILED;
+    if (camera->sync_mode || camera->no_led || camera->depth_delay) return FAILED;
+    bool coloured = camera->color_resolution == 1 && camera->color_format == 3 && camera->synchronized;
+    if (!coloured && (camera->color_resolution || camera->color_format || camera->synchronized)) return FAILED;
+    if (coloured) say("colour", camera->color_resolution);
+    mode = camera->depth_mode;
     say("start", 10 * camera->depth_mode + camera->camera_fps);
     (void)device;
     return OK;
@@ -102,6 +124,12 @@ int k4a_device_get_calibration(void *device, int depth_mode, int color_resolutio
     memset(calibration, 0, sizeof *calibration);
     calibration->depth_mode = depth_mode;
     calibration->color_resolution = 7 + color_resolution;
+    put_lens(&calibration->depth, DEPTH_LENS, depth_mode == 1 ? 320 : 640, depth_mode == 1 ? 288 : 576,
+             depth_mode == 1 ? 0.5f : 1.0f);
+    if (color_resolution) put_lens(&calibration->color, COLOUR_LENS, 1280, 720, 1.0f);
+    extrinsics_t *motion = &calibration->extrinsics[0][1]; /* from depth to colour */
+    motion->rotation[1] = -1, motion->rotation[3] = motion->rotation[8] = 1;
+    motion->translation[0] = -32, motion->translation[1] = -2, motion->translation[2] = 4;
     (void)device;
     return OK;
 }
@@ -123,6 +151,49 @@ int k4a_device_get_capture(void *device, void **capture, int32_t timeout_ms) {
 void k4a_capture_release(void *capture) {
     say("release", (long)((capture_t *)capture)->number);
     free(capture);
+}
+
+static void *image(const capture_t *of, int width, int height, int bytes, int padding) {
+    image_t *made = malloc(sizeof *made);
+    *made = (image_t){width, height, width * bytes + padding, of->number, of->usec, NULL};
+    made->pixels = calloc((size_t)height, (size_t)made->stride);
+    say("image", (long)of->number);
+    return made;
+}
+
+/* The pixels (x, y) of image n: depth 701 + n + x + y, and colour blue 0, green 7, red 1 + n; padding is at row ends. */
+void *k4a_capture_get_depth_image(void *capture) {
+    static site_t fails;
+    if (named("K4A_FAIL", "k4a_capture_get_depth_image", &fails)) return NULL;
+    image_t *made = image(capture, mode == 1 ? 320 : 640, mode == 1 ? 288 : 576, 2, 6);
+    for (int y = 0; y < made->height; ++y)
+        for (int x = 0; x < made->width; ++x)
+            ((uint16_t *)(made->pixels + y * made->stride))[x] = (uint16_t)(701 + made->number + (uint64_t)(x + y));
+    return made;
+}
+
+void *k4a_capture_get_color_image(void *capture) {
+    static site_t fails;
+    if (named("K4A_FAIL", "k4a_capture_get_color_image", &fails)) return NULL;
+    image_t *made = image(capture, 1280, 720, 4, 12);
+    for (int y = 0; y < made->height; ++y)
+        for (int x = 0; x < made->width; ++x) {
+            uint8_t *pixel = made->pixels + y * made->stride + 4 * x;
+            pixel[1] = 7, pixel[2] = (uint8_t)(1 + made->number), pixel[3] = 255;
+        }
+    return made;
+}
+
+uint8_t *k4a_image_get_buffer(void *image) { return ((image_t *)image)->pixels; }
+int k4a_image_get_width_pixels(void *image) { return ((image_t *)image)->width; }
+int k4a_image_get_height_pixels(void *image) { return ((image_t *)image)->height; }
+int k4a_image_get_stride_bytes(void *image) { return ((image_t *)image)->stride; }
+uint64_t k4a_image_get_device_timestamp_usec(void *image) { return ((image_t *)image)->usec; }
+
+void k4a_image_release(void *image) {
+    say("image-release", (long)((image_t *)image)->number);
+    free(((image_t *)image)->pixels);
+    free(image);
 }
 
 void k4a_device_stop_cameras(void *device) { say("stop", *(uint32_t *)device); }

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections import Counter
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from mocapella.model.observations import BodyFrame
+from mocapella.sources.k4a_libraries import load_camera_library
 
 SOURCE = Path(__file__).with_suffix(".c")
+FAILED = 1
 FIRST_USEC = STEP_USEC = 33333
 FLAGS = ("-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-pthread")
 NAMES = {"k4a": "libk4a.so.1.4.1", "k4abt": "libk4abt.so.1.1.2"}
@@ -28,6 +33,48 @@ def build(folder: Path) -> Path:
         command = ["cc", *FLAGS, *defined, str(SOURCE), "-o", str(folder / NAMES[name])]
         subprocess.run(command, check=True, timeout=120)
     return folder
+
+
+class Pluggable:
+    """The stand-in's library ``k4a`` with the plug of a fake camera: without it there is no device, and no image.
+
+    Args:
+        camera: has ``plugged``, and counts in ``started`` and ``stopped``.
+        library: the loaded library.
+    """
+
+    def __init__(self, camera: Any, library: Any) -> None:
+        self._camera, self._library = camera, library
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._library, name)
+
+    def k4a_device_get_installed_count(self) -> int:
+        return int(self._library.k4a_device_get_installed_count()) if self._camera.plugged else 0
+
+    def k4a_device_get_capture(self, *arguments: Any) -> int:
+        return int(self._library.k4a_device_get_capture(*arguments)) if self._camera.plugged else FAILED
+
+    def k4a_device_start_cameras(self, *arguments: Any) -> int:
+        self._camera.started += 1
+        return int(self._library.k4a_device_start_cameras(*arguments))
+
+    def k4a_device_stop_cameras(self, device: Any) -> None:
+        self._camera.stopped += 1
+        self._library.k4a_device_stop_cameras(device)
+
+
+@cache
+def built_once() -> Path:
+    """The folder of both libraries, built once a process; skips the test as `build` does."""
+    folder = Path(tempfile.mkdtemp(prefix="k4a-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return build(folder)
+
+
+def k4a(camera: Any) -> Pluggable:
+    """The library ``k4a`` for a fake camera."""
+    return Pluggable(camera, load_camera_library([built_once()]))
 
 
 class Log(NamedTuple):
@@ -44,7 +91,7 @@ class Log(NamedTuple):
         counts = Counter(self.words)
         for opened, closed in (
             *(("open", "close"), ("start", "stop"), ("create", "destroy"), ("create", "shutdown")),
-            *(("capture", "release"), ("frame", "frame-release")),
+            *(("capture", "release"), ("frame", "frame-release"), ("image", "image-release")),
         ):
             assert counts[opened] == counts[closed], (opened, closed, counts)
         order = [what for what in self.words if what in {"shutdown", "destroy", "stop", "close"}]

@@ -20,6 +20,7 @@ from mocapella.tracker.webcams_warmup import circle_of_cameras, standing_person
 RIG = circle_of_cameras(3)
 STEP = 60
 NAME = "known"
+NO_HANDS = "no-hands"
 
 
 def brightness(camera: int) -> int:
@@ -56,16 +57,32 @@ class KnownPeople:
         """Nothing is remembered."""
 
 
+class NoHands:
+    """A `PeopleDetector` of hands alone, which finds none."""
+
+    def __init__(self) -> None:
+        self.topology = topology("hand")
+
+    def update(self, image: Any, at_s: float, regions_px: Any = None) -> SeenPeople:
+        return SeenPeople(np.zeros(0, np.int64), np.zeros((0, 21, 2), np.float32), np.zeros((0, 21), np.float32))
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+
 @contextmanager
 def known_detector() -> Iterator[None]:
-    """While the context is active, `KnownPeople` is the detector ``known`` of this process."""
+    """While the context is active, `KnownPeople` is the detector ``known`` of this process, `NoHands` ``no-hands``."""
     KEYPOINT_DETECTORS[NAME] = KeypointDetector(
         1, NAME, "A person who walks.", lambda: SlotSettings, lambda settings, model: KnownPeople(), lambda: ""
+    )
+    KEYPOINT_DETECTORS[NO_HANDS] = KeypointDetector(
+        1, NO_HANDS, "No hand.", lambda: SlotSettings, lambda settings, model: NoHands(), lambda: ""
     )
     try:
         yield
     finally:
-        del KEYPOINT_DETECTORS[NAME]
+        del KEYPOINT_DETECTORS[NAME], KEYPOINT_DETECTORS[NO_HANDS]
 
 
 def write_films(folder: Path, rig: CameraRig, count: int) -> list[Path]:

@@ -41,7 +41,8 @@ def node(kind: str, inputs: Sequence[str], outputs: Sequence[str], attributes: b
     return b"".join(parts) + field(4, kind) + attributes
 
 
-def model(size_px: tuple[int, int], outputs: dict[str, np.ndarray], *, channels: int = 3, fixed: bool = True) -> bytes:
+def model(size_px: tuple[int, int], outputs: dict[str, np.ndarray], *, channels: int = 3, fixed: bool = True,
+          free: bool = False) -> bytes:  # fmt: skip
     """A model that takes an image and gives constant outputs, plus 0 times the image's mean.
 
     Args:
@@ -49,6 +50,7 @@ def model(size_px: tuple[int, int], outputs: dict[str, np.ndarray], *, channels:
         outputs: values by name.
         channels: of the image.
         fixed: whether the input's size is fixed.
+        free: whether the file names the outputs' sizes instead of stating them, as exports of RTMPose do.
     """
     width, height = size_px
     shape = [1, channels, *((height, width) if fixed else ("h", "w"))]
@@ -60,7 +62,9 @@ def model(size_px: tuple[int, int], outputs: dict[str, np.ndarray], *, channels:
         nodes.append(node("Add", [f"{name}.c", "nothing"], [name]))
     graph = b"".join(field(1, one) for one in nodes) + field(2, "graph") + b"".join(field(5, one) for one in constants)
     graph += field(11, value_info("image", shape))
-    graph += b"".join(field(12, value_info(name, values.shape)) for name, values in outputs.items())
+    for name, values in outputs.items():
+        sizes = [f"MatMul{name}_dim_{k}" for k in range(values.ndim)] if free else values.shape
+        graph += field(12, value_info(name, sizes))
     return field(1, 8) + field(7, graph) + field(8, field(1, "") + field(2, 13))
 
 

@@ -74,7 +74,8 @@ class StudyStatus(msgspec.Struct, frozen=True):
         step_s: duration of the step [s]; 0 if it waits.
         minimum_left_s: time until the task may end [s].
         block: the marked floor; None if the study has none.
-        tone: whether a tone sounds at each change.
+        tone: whether the participant's plan has tones.
+        tone_hz: frequency of the tone of the present step, or after a task of its last step [Hz]; None for silence.
         changes: number of changes of the instruction so far.
         logged: description of the present logging, in words; empty without logging.
         results: number of results of the present task so far.
@@ -101,6 +102,7 @@ class StudyStatus(msgspec.Struct, frozen=True):
     minimum_left_s: float = 0.0
     block: FloorMap | None = None
     tone: bool = False
+    tone_hz: float | None = None
     changes: int = 0
     logged: str = ""
     results: int = 0
