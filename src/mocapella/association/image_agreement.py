@@ -1,4 +1,4 @@
-"""Compare the detections in a camera's image with people whose places are known: who is who, and who contradicts."""
+"""Match the detections in a camera's image with people at known places, and count contradictions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEAST_POINTS: Final = 3
 STRANGER_POINTS: Final = 8
 """Least number of confident keypoints of a stranger, a detection that is of no person."""
 WITHIN: Final = 0.8
-"""Share of a person's joints within an image from which the person is in it."""
+"""Least share of a person's joints within an image for the person to be in it."""
 CONTRARY: Final = 0.12
 """Share of people in whose place a camera sees strangers, above which it contradicts the others.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 LENSES: Final = {(True, False): "given", (False, False): "found", (False, True): "alike"}
-"""Names of what is known of the lenses: given or not, and stated to be of one model or not."""
+"""Names of the knowledge about lenses: given or not, and stated to be of one model or not."""
 
 
 @evaluate_app.command("rig-from-people")

@@ -75,7 +75,7 @@ def webcams(
         if data is None:
             raise SettingsError("--detector is of the films of recordings; name their folder with --data, too")
         finds = partial(opened_detector, "lab evaluate webcams", detector, None, {})
-        finds()  # what it lacks is said before minutes of other scores
+        finds()  # report missing parts before minutes of other scores
     with console.status("making rooms …") as status:
         result = evaluate(
             None if scenes is None else _names(scenes), participant_numbers(seeds, "--seeds") or [], chosen, data,

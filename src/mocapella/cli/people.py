@@ -49,7 +49,7 @@ METHOD = "webcams"
 ALONE = "one-webcam"
 """Method of a single film."""
 SHORT = 5
-"""Films of fewer instants can be too short to track anybody."""
+"""Films of fewer instants can be too short to track a person."""
 
 
 @dataclass(frozen=True)
@@ -342,20 +342,20 @@ def _tell(counts: FilmCounts, path: Path, *, hands: bool) -> None:
 
 
 def _tell_agreement(report: PeopleReport) -> None:
-    """Print how well the cameras agree about the people, and name those that do not; nothing without people."""
+    """Print how well the cameras agree about the people, and name cameras that do not; nothing without people."""
     from rich.console import Console
 
     from mocapella.library.people_report import alarms
 
     if not report.people:
-        return  # the reason is told
+        return  # the reason is printed
     show_people(report, Console(stderr=True, highlight=False))
     for sentence in alarms(report, films=True):
         say(sentence)
 
 
 def _why_nobody(counts: FilmCounts, *, hands: bool = False) -> str:
-    """Return the likely reason why nobody was tracked, or no hand, with the remedy."""
+    """Return the likely reason why no person, or no hand, was tracked, with the remedy."""
     nobody = [name for name, seen in counts.with_people.items() if not seen]
     if nobody and hands:
         return (

@@ -107,7 +107,7 @@ class PeopleSlots:
                 slot.detector.forget()
                 self._free.append(slot.detector)
         if len(kept) < len(self._slots):
-            self._missed_s = -np.inf  # search at once where somebody who was just lost is expected
+            self._missed_s = -np.inf  # search at once where a lost person is expected
         self._slots = kept
         self._look_for_others(image, at_s, [] if regions_px is None else list(regions_px))
         if not self._slots:
@@ -129,7 +129,7 @@ class PeopleSlots:
         self._searched_s = self._missed_s = -np.inf
 
     def _look_for_others(self, image: UInt8, at_s: float, regions_px: list[Float32]) -> None:
-        """Search for further people: where they are expected, else where nobody is found yet."""
+        """Search for further people: where they are expected, else where no person is found yet."""
         if not self._free and self._made >= self._settings.most_people:
             return
         missing = [region for region in regions_px if covered(region, self._boxes()) < MOST_COVERED]

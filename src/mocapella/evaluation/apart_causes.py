@@ -27,7 +27,7 @@ from mocapella.recording.study_log import read_study_log
 Float64 = NDArray[np.float64]
 
 LEAST_PAIRS: Final = 20
-"""Fewest pairs of a task from which a motion is fitted."""
+"""Fewest pairs of a task for a fit of a motion."""
 CLEARLY_M: Final = 0.02
 """By how much nearer the views must be with swapped labels to count as swapped [m]."""
 

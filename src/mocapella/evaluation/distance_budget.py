@@ -24,7 +24,7 @@ from mocapella.geometry.rigid import apply
 Float64 = NDArray[np.float64]
 
 LASTING_S: Final = 0.5
-"""Duration of the moving mean of the difference of two views: what it keeps lasts [s]."""
+"""Duration of the moving mean of the difference of two views; slower differences remain [s]."""
 OFFSETS_S: Final = np.arange(-0.06, 0.0601, 0.01)
 """Clock offsets that are tried, beyond the estimated one [s]."""
 FASTEST_M_S: Final = 3.0
@@ -113,7 +113,7 @@ def views_budget(first: Float64, second: Float64, at_s: Float64) -> dict[str, fl
 
 
 def mean_distance(first: Float64, second: Float64) -> float:
-    """Return the mean distance of points (..., 3) [m], without those that are not finite."""
+    """Return the mean distance of the finite points of (..., 3) [m]."""
     return float(np.nanmean(np.linalg.norm(first - second, axis=-1)))
 
 

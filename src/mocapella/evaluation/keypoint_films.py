@@ -96,7 +96,7 @@ def score_films(
 
 
 def films_of(folder: Path, clip: KeypointClip) -> VideoSet:
-    """Return the films of a Pose2Sim clip; of those that lack a right border, all pixels are as calibrated."""
+    """Return the films of a Pose2Sim clip; where the right border is cut off, all pixels are as calibrated."""
     paths = {name: folder / clip.name / "videos" / f"cam{k:02d}.mp4" for k, name in enumerate(clip.rig.cameras, 1)}
     return VideoSet(paths, clip.rig, other_size="crop")
 

@@ -62,7 +62,7 @@ def scored_tracker(text: str) -> Callable[[int], ScoredTracker]:
 
 
 def settings_used(text: str) -> str:
-    """Return all settings with which a method is scored, also the defaults, as JSON; words for the logged rows.
+    """Return all settings of a scored method, also the defaults, as JSON; words for the logged rows.
 
     Args:
         text: as in `scored_tracker`.
@@ -74,7 +74,7 @@ def settings_used(text: str) -> str:
         return "the rows as they were logged"
     method, settings = method_with_settings(text)
     used: Any = parse(METHODS.find(method).settings, settings, where=f"settings of {method}")
-    # Not encoded as it is: msgspec leaves out what a parsed dataclass has from its class.
+    # Encoded as a dictionary: msgspec leaves out the class defaults of a parsed dataclass.
     return msgspec.json.encode(dataclasses.asdict(used), order="sorted").decode()
 
 

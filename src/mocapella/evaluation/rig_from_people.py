@@ -71,7 +71,7 @@ def run_scene(scene: str, seed: int, *, lenses: bool, same_lenses: bool = False,
         scene: a name of `crowd_names`.
         seed: of the simulation.
         lenses: whether the lenses are given.
-        same_lenses: whether it is stated that the cameras are of one model, as they are.
+        same_lenses: whether the calibration is told that the cameras are of one model, which is true.
         seconds: duration of the scene; people of scenarios other than ``wander`` stand when theirs has ended [s].
 
     Raises:

@@ -145,7 +145,7 @@ def evaluate(
         on_run: called with the next step, in words.
 
     Returns:
-        ``seeds``, and ``scenes``: for each the mean figures over the seeds, ``mean``, and those of each seed, ``runs``.
+        ``seeds``, and ``scenes``: for each the means over the seeds, ``mean``, and each seed's figures, ``runs``.
 
     Raises:
         SettingsError: an unknown scene or setting, or no seed.

@@ -33,7 +33,7 @@ summed squares [m]."""
 MOST_REJECTED = 2
 """Number of outliers that are rejected in one instant."""
 FEWEST = 4
-"""Number of markers up to which none is rejected."""
+"""Largest number of markers without any rejection."""
 
 
 class HandNumbers(NamedTuple):
@@ -178,7 +178,7 @@ def follow(
     Args:
         hand: the hand.
         points: (m, 3) markers, world [m]; finite.
-        kept: (m, 3, 3) inverse covariances [1/m²], 0 where a marker is not used; those of outliers become 0.
+        kept: (m, 3, 3) inverse covariances [1/m²], 0 where a marker is not used; 0 is written for outliers.
         before: the prediction.
         certainty: (6 + n, 6 + n) inverse covariance of the prediction; 0 without one.
         share: share of the prior's information that counts.

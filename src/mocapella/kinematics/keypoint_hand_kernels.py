@@ -21,7 +21,7 @@ def measure(points: Float64, corners: Float64, mirror: float, lengths: Float64, 
     """Measure bones and palm of a hand; return the palm's root mean square distance from the present one [m].
 
     Args:
-        points: (21, 3) landmarks, world [m]; those of the palm's corners are finite.
+        points: (21, 3) landmarks, world [m]; the palm's corners are finite.
         corners: (`CORNERS`, 3) the palm's corners in the palm's frame of a right hand [m].
         mirror: −1 for a left hand, else 1.
         lengths: (5, 3) written: lengths of the bones [m]; NaN where an end is NaN.

@@ -28,7 +28,7 @@ ALARM: Final = 1.0 / 3.0
 STRANGE: Final = 0.05
 """Share of detections that agree with a person below which a camera is named: such a share agrees by chance."""
 LEAST_DETECTIONS: Final = 10
-"""Number of detections from which a camera is named."""
+"""Least number of detections of a camera that is named."""
 
 _ELSEWHERE: Final = (
     "it sees another room, is another camera of the rig, moved after the calibration, or began at another time; leave "
@@ -144,7 +144,7 @@ class PeopleComparison:
         """Return the report so far.
 
         Args:
-            seen: names of further cameras that had frames, of which none could be used.
+            seen: names of further cameras, all of whose frames were useless.
         """
         there = self._seen.union(seen)
         residuals = self._residuals

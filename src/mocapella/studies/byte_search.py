@@ -19,9 +19,9 @@ MOST_UNPACKED: Final = 1 << 28
 DEEPEST: Final = 3
 """How often content that is compressed within compressed content is unpacked."""
 _PICTURES: Final = (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"%PDF", b"II*\0", b"MM\0*")
-"""First bytes of pictures and documents, in which a text is drawn or compressed."""
+"""First bytes of pictures and documents, whose text is drawn or compressed."""
 _HEAD: Final = 1024
-"""Number of first bytes by which a picture is known."""
+"""Number of first bytes that tell a picture."""
 _OF_CODES: Final = frozenset((string.ascii_letters + string.digits + "-").encode())
 _OF_WORDS: Final = _OF_CODES - {ord("-")}
 

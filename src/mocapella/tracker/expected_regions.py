@@ -17,7 +17,7 @@ from mocapella.model.scene import Person
 Float32 = NDArray[np.float32]
 
 FEWEST: Final = 6
-"""Least number of known joints in the image of a person who is expected there."""
+"""Least number of known joints in the image of an expected person."""
 MARGIN: Final = 0.15
 """Margin of the box of an expected person, as a share of its longer side."""
 

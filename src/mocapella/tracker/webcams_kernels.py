@@ -72,7 +72,7 @@ def begin(
     Args:
         model, people, rays, cameras, matches: see the module.
         at_s: time of the instant [s].
-        since_s: time before which detections are late, so that people may have left; these begin nobody [s].
+        since_s: time before which detections are late, so that people may have left; these begin no person [s].
         gates: thresholds.
         agreed: (people, cameras) written: whether a camera agrees about a person.
     """

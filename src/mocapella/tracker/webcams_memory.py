@@ -27,7 +27,7 @@ LONG_SEEN: Final = 10
 ROAMED_M: Final = 0.7
 """Distance that a person has walked before two cameras; two strangers on one line hardly do so together [m]."""
 MOST_MISSED: Final = 0.4
-"""Share of people whom a camera misses, from which on it says nothing about whether a person is there."""
+"""Largest share of missed people of a camera that still tells whether a person is there."""
 
 
 class PeopleArrays(NamedTuple):

@@ -54,7 +54,7 @@ MOST_LATE_S = 0.15
 INDEPENDENT = 0.05
 """Share of the rays of a person in an instant that count as independent: their errors are of one detection."""
 LEAST_COMPARED = 4
-"""Least number of joints by which a person compares cameras."""
+"""Least number of joints of a person for a comparison of cameras."""
 LEAST_SPEED_M_S = 0.3
 """Speed of a person above which the cameras' times are compared [m/s]."""
 
@@ -99,7 +99,7 @@ def variance_factor(counts: CameraCounts, c: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def adjust_rays(rays: Rays, cameras: CameraArrays, counts: CameraCounts) -> None:
-    """Correct the rays by what is known of their cameras' errors, and enlarge their standard deviations.
+    """Correct the rays by their cameras' known errors, and enlarge their standard deviations.
 
     Args:
         rays: changed.
@@ -144,7 +144,7 @@ def motion_of(people: PeopleArrays, p: int, velocity: Float64) -> int:
     """Write the mean velocity of a person's joints about which two cameras agree; return the number of these joints.
 
     Args:
-        people: see the module; their velocities are those of the last instant.
+        people: see the module; their velocities are of the last instant.
         p: row of the person.
         velocity: (3,) written [m/s].
     """
@@ -168,7 +168,7 @@ def compare_cameras(
     """Compare the rays of a person with the corrected body, and update the errors of their cameras.
 
     Args:
-        people, cameras: see the module; the people's velocities are those of the last instant.
+        people, cameras: see the module; the people's velocities are of the last instant.
         p: row of the person.
         n: number of rays, sorted by camera.
         joints, camera, directions, sds_rad, after_s: (≥ n, …) the rays, as in `correct_by_rays`.
@@ -259,7 +259,7 @@ def sum_residuals(
 
 @njit(cache=True, error_model="numpy")
 def doubt_unmatched(rays: Rays, matches: Matches, gates: KeypointGates, counts: CameraCounts) -> None:
-    """Enlarge the spread of cameras whose detections are of nobody, while other cameras see people.
+    """Enlarge the spread of cameras whose detections match no person, while other cameras see people.
 
     Args:
         rays, matches: see the module.

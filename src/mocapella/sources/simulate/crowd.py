@@ -387,7 +387,7 @@ def _timing(settings: CrowdSettings, camera: int) -> KeypointCameraSettings:
 
 
 def _out_of_step(settings: CrowdSettings, camera: int) -> KeypointCameraSettings:
-    """The timing of a camera whose frames are some periods early or late, and arrive with those of the others."""
+    """The timing of a camera whose frames are some periods early or late, and arrive with the other cameras' frames."""
     rng, own, most = np.random.default_rng([settings.seed, 8, camera]), settings.camera, settings.out_of_step
     last = camera == settings.ring.count - 1
     phase_s = (most if last else int(rng.integers(0, 2 * most + 1))) / own.hz
