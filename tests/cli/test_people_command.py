@@ -78,6 +78,7 @@ def test_films_without_a_rig_that_are_too_short_to_calibrate_are_refused_and_the
     print(again.stderr)
 
 
+@pytest.mark.slow
 def test_films_in_which_nobody_is_seen_leave_no_take_without_a_rig(films: Path) -> None:
     (films / "rig.toml").unlink()
     for image in films.rglob("*.png"):

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import numpy as np
+import pytest
 from support.known_people import RIG, KnownPeople, brightness, joints_at, placed
 from support.programs import free_port, wait_until
 
@@ -24,6 +25,7 @@ from mocapella.model.session import Setup
 from mocapella.sources.acquisition import Acquisition
 from mocapella.sources.picture_source import SourceState
 from mocapella.testing import FakeCamera, FakeServer
+from mocapella.tracker import warm_up
 from mocapella.tracker.expected_regions import expected_regions
 from mocapella.wire.expected import ExpectedPeople, read_expected, write_expected
 from mocapella.wire.node import NodeLink
@@ -31,8 +33,10 @@ from mocapella.wire.node import NodeLink
 SIZE = (640, 480)
 
 
+@pytest.mark.slow
 def test_nodes_that_want_to_know_are_told_their_own_boxes() -> None:
     """Each camera's node is told the box of the person in its own image; one that does not ask is told nothing."""
+    warm_up("webcams")  # frames that wait for the compilation would be too late
     address = f"tls/127.0.0.1:{free_port()}"
     used: dict[str, Any] = {"rig": encode_camera_rig(RIG)}
     server = Server(ServerSettings(address, setup=Setup("webcams", 3), method_settings=used))
