@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import importlib
 import io
+import threading
 import tokenize
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 
 import pytest
@@ -155,3 +157,19 @@ def test_lines_are_counted_without_blank_lines_comments_and_docstrings() -> None
     text += "        1\n    )\n"
     assert lines_of_code(text, ()) == 6
     assert lines_of_code(text, ("C",)) == 5
+
+
+def test_a_thread_that_reads_while_another_fills_the_table_sees_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server decodes the first frames of two nodes at once; a part of the table would refuse all later ones."""
+    table, seen = sources(), list[set[str]]()
+
+    def found(group: str) -> EntryPoints:
+        if not seen:
+            seen.append(set())
+            other = threading.Thread(target=lambda: seen.append(set(table)))
+            other.start()
+            other.join(60.0)
+        return entry_points(group=group)
+
+    monkeypatch.setattr("mocapella.registry.entry_points", found)
+    assert set(table) == set(OURS) == seen[1]

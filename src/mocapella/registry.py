@@ -9,6 +9,7 @@ skipped, and `Table.skipped` has its name, its package and the reason; all other
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Iterator, MutableMapping
 from dataclasses import dataclass
 from functools import cache
@@ -83,6 +84,7 @@ class Table(MutableMapping[str, D], Generic[D]):
         self.group, self.what, self._kind = group, what, kind
         self._found: dict[str, EntryPoint | None] | None = None
         self._loaded: dict[str, D] = {}
+        self._lock = threading.Lock()
         self._skipped: list[Skipped] = []
 
     @property
@@ -150,12 +152,18 @@ class Table(MutableMapping[str, D], Generic[D]):
 
     def _points(self) -> dict[str, EntryPoint | None]:
         if self._found is None:
-            self._found = {}
+            found: dict[str, EntryPoint | None] = {}
+            skipped = []
             for point in sorted(entry_points(group=self.group), key=_order):
-                first = self._found.setdefault(point.name, point)
+                first = found.setdefault(point.name, point)
                 assert first is not None
                 if (first.value, _package(first)) != (point.value, _package(point)):
-                    self._skip(point, f"{_package(first)} has this name; uninstall one of the two")
+                    skipped.append((point, f"{_package(first)} has this name; uninstall one of the two"))
+            with self._lock:  # another thread may have been faster; none may see a part of the table
+                if self._found is None:
+                    self._found = found
+                    for point, why in skipped:
+                        self._skip(point, why)
         return self._found
 
     def _load(self, point: EntryPoint) -> D:
