@@ -278,17 +278,27 @@ def _names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
+def scene_table(scenes: Mapping[str, Any], columns: Mapping[str, str], empty: Table) -> Table:
+    """Fill a table with the mean figures of scenes, a row for each.
+
+    Args:
+        scenes: for each scene the means over the seeds, ``mean``.
+        columns: heading of each figure.
+        empty: the table, without columns.
+    """
+    for words in ("", *columns.values()):
+        empty.add_column(words, justify="right" if words else "left", no_wrap=True)
+    for name, of in scenes.items():
+        empty.add_row(name, *(_cell(of["mean"][figure]) for figure in columns))
+    return empty
+
+
 def show_simulation(result: dict[str, Any], out: Console) -> None:
     """Print the result of `mocapella.evaluation.simulation.evaluate` as tables."""
     for method, scored in result["methods"].items():
         out.print(f"\n[bold]{method}[/bold]  mean of seeds {', '.join(map(str, result['seeds']))}", highlight=False)
         for columns in (_JOINTS, _WHO_AND_WHERE):
-            table = Table(box=SIMPLE_HEAD, padding=0, show_edge=False)
-            for words in ("", *columns.values()):
-                table.add_column(words, justify="right" if words else "left", no_wrap=True)
-            for scene, of in scored["scenes"].items():
-                table.add_row(scene, *(_cell(of["mean"][figure]) for figure in columns))
-            out.print(table)
+            out.print(scene_table(scored["scenes"], columns, Table(box=SIMPLE_HEAD, padding=0, show_edge=False)))
         for figure, worst in scored["worst"].items():
             target = result["targets"][figure]
             judged = {True: "met", False: "[red]not met[/red]", None: "not known"}[worst["met"]]

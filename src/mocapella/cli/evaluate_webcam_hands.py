@@ -13,7 +13,7 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, read_settings, set_option
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, show_scenes
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, scene_table, show_scenes
 from mocapella.cli.evaluate_webcams import webcams_keys
 
 _WHO: Final = {
@@ -113,12 +113,8 @@ def show_webcam_hands(result: dict[str, Any], out: Console) -> None:
     seeds = ", ".join(map(str, result["seeds"]))
     for columns in (_WHO, _WHERE):
         title = f"mean of seeds {seeds}" if columns is _WHO else None
-        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for words in ("", *columns.values()):
-            table.add_column(words, justify="right" if words else "left", no_wrap=True)
-        for name, of in result["scenes"].items():
-            table.add_row(name, *(_cell(of["mean"][figure]) for figure in columns))
-        out.print(table)
+        empty = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        out.print(scene_table(result["scenes"], columns, empty))
     out.print(
         "found, median, 95 %, tips, jitter: hands that two cameras see; alone: hands\n"
         "that one camera sees; side: the right one; false: measured landmarks more than\n"

@@ -14,7 +14,7 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, show_scenes
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, scene_table, show_scenes
 from mocapella.cli.keypoint_options import KeypointDetectorName, opened_detector
 from mocapella.errors import SettingsError
 
@@ -98,12 +98,8 @@ def show_webcams(result: dict[str, Any], out: Console) -> None:
         seeds = ", ".join(map(str, result["seeds"]))
         for columns in (_WHO, _WHERE):
             title = f"mean of seeds {seeds}" if columns is _WHO else None
-            table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-            for words in ("", *columns.values()):
-                table.add_column(words, justify="right" if words else "left", no_wrap=True)
-            for name, of in result["scenes"].items():
-                table.add_row(name, *(_cell(of["mean"][figure]) for figure in columns))
-            out.print(table)
+            empty = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+            out.print(scene_table(result["scenes"], columns, empty))
         out.print(
             "visible: joints that two cameras see; all: also others; false: measured joints\n"
             "more than 50 mm off; error / sd: of measured joints, 1 is consistent; switches: sum",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -171,6 +170,7 @@ def _film(text: str) -> Path:
         InputError: it names a live camera, or is a folder of films.
     """
     from mocapella.recording.detection_files import FILMS
+    from mocapella.sources.open_pictures import is_live
     from mocapella.sources.video import IMAGES
 
     path = Path(text)
@@ -182,7 +182,7 @@ def _film(text: str) -> Path:
                 file=path,
                 fix=f"name the films: mocapella people {path}/*{Path(films[0]).suffix} …",
             )
-    if not path.exists() and (text.isdigit() or re.match(r"(pi)?camera:|\w+://", text)):
+    if not path.exists() and (text.isdigit() or is_live(text)):
         fix = f"track it live: mocapella serve --method {METHOD}, and mocapella node keypoints {text}"
         raise InputError("is a live camera and no film", file=text, fix=fix)
     return path

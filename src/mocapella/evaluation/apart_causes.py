@@ -16,13 +16,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.errors import InputError
-from mocapella.evaluation.study_pairs import PLACEMENT_NAMES, TASKS, corrected_tasks, pairs_of, study_files
+from mocapella.evaluation.study_pairs import PLACEMENT_NAMES, TASKS, corrected_tasks, pairs_of, study_logs
 from mocapella.geometry import alignment, rigid
 from mocapella.model.session import PLACEMENTS
 from mocapella.model.study_log import StudyLog
 from mocapella.model.topology import topology
-from mocapella.recording.study_log import read_study_log
 
 Float64 = NDArray[np.float64]
 
@@ -91,27 +89,20 @@ def causes_by_task(
     """Return the mean causes over a folder's study logs of one person, by task and placement.
 
     Args:
-        folder: as in `mocapella.evaluation.study_pairs.study_sessions`.
+        folder: as in `mocapella.evaluation.study_pairs.study_logs`.
         participants: numbers of the participants; None for all.
         on_file: called with the name of each file before it is read.
 
     Raises:
         InputError: no such folder, no log in it, or one that cannot be read.
+        SettingsError: a participant without a file; lists the participants.
     """
     found: dict[tuple[str, str], list[ApartCauses]] = defaultdict(list)
     steady: dict[tuple[str, str], dict[str, list[Float64]]] = defaultdict(lambda: defaultdict(list))
-    for number, paths in sorted(study_files(folder).items()):
-        for path in paths if participants is None or number in participants else ():
-            on_file(path.name)
-            try:
-                log = read_study_log(path)
-            except InputError as error:
-                if "header and no rows" in error.problem:
-                    continue
-                raise
-            for key, reference, (causes, difference) in _of_log(log):
-                found[key].append(causes)
-                steady[key][reference].append(difference)
+    for log in study_logs(folder, participants, on_file):
+        for key, reference, (causes, difference) in _of_log(log):
+            found[key].append(causes)
+            steady[key][reference].append(difference)
     result: dict[str, dict[str, ApartCauses]] = defaultdict(dict)
     for (task, placement), each in sorted(found.items()):
         values = np.mean([msgspec.structs.astuple(one) for one in each], axis=0).tolist()

@@ -162,6 +162,13 @@ def pairs_of_each_two(log: StudyLog) -> Pairs:
 def study_sessions(
     folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
 ) -> Iterator[StudySession]:
+    """Read the sessions of a folder's study logs; arguments, order and errors are those of `study_logs`."""
+    return map(StudySession, study_logs(folder, participants, on_file))
+
+
+def study_logs(
+    folder: Path, participants: Collection[int] | None = None, on_file: Callable[[str], None] = lambda name: None
+) -> Iterator[StudyLog]:
     """Read the study logs of a folder, by participant and name; files with only a header are skipped.
 
     Args:
@@ -186,7 +193,7 @@ def study_sessions(
             if "header and no rows" in error.problem:
                 continue
             raise
-        yield StudySession(log)
+        yield log
 
 
 def study_files(folder: Path) -> dict[int, list[Path]]:
