@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocapella.sensing.body_ids import KEPT_S, BodyIds
+from mocapella.sensing.body_ids import KEPT_IN_STALLS_S, KEPT_S, BodyIds
 
 
 def body(x: float) -> np.ndarray:
@@ -28,7 +28,16 @@ def test_a_body_that_was_gone_for_long_is_a_new_one_and_a_short_gap_is_bridged()
     (first,) = ids.update(body(0.0)[None], 0.0)
     assert ids.update(np.zeros((0, 4, 3)), 0.1).tolist() == []
     assert ids.update(body(0.1)[None], 0.2).tolist() == [first]
+    ids.update(np.zeros((0, 4, 3)), 0.3)
     assert ids.update(body(0.1)[None], 0.3 + KEPT_S).tolist() == [first + 1]
+
+
+@given(st.floats(0.01, KEPT_IN_STALLS_S - 0.01))
+def test_a_pause_between_frames_is_not_an_absence(pause_s: float) -> None:
+    ids = BodyIds()
+    (first,) = ids.update(body(0.0)[None], 0.0)
+    assert ids.update(body(0.1)[None], pause_s).tolist() == [first]
+    assert ids.update(body(0.1)[None], pause_s + KEPT_IN_STALLS_S + 0.01).tolist() == [first + 1]
 
 
 def test_a_body_far_away_is_another_one_and_missing_joints_do_not_matter() -> None:

@@ -16,17 +16,20 @@ SPEED_M_S: Final = 3.0
 """Further distance per time between the frames [m/s]."""
 KEPT_S: Final = 0.5
 """Time after which a body that is not seen is forgotten; seen again, it has a new id [s]."""
+KEPT_IN_STALLS_S: Final = 2.0
+"""The same for a body of the last frame: a busy machine skips frames, and nobody looked for the body since [s]."""
 
 
 class BodyIds:
     """Gives bodies of successive frames their ids: the nearest bodies of the last frames keep theirs.
 
     The ids count from 1 and are never used twice. A body and the last place of another one that is as near are
-    distinguished by the distances of all joints that both have.
+    distinguished by the distances of all joints that both have. A pause between two frames is not a body's absence.
     """
 
     def __init__(self) -> None:
         self._next = 1
+        self._last_s = 0.0
         self._last: dict[int, tuple[float, Float64]] = {}
 
     def reset(self) -> None:
@@ -40,7 +43,7 @@ class BodyIds:
             positions: (bodies, joints, 3) in the sensor's frame [m]; NaN where not tracked.
             at_s: the frame's time, not before that of the last frame [s].
         """
-        self._last = {i: seen for i, seen in self._last.items() if at_s - seen[0] <= KEPT_S}
+        self._last = {i: seen for i, seen in self._last.items() if at_s - seen[0] <= self._kept_s(seen[0])}
         pairs = []
         for body, joints in enumerate(positions):
             for number, (then_s, before) in self._last.items():
@@ -58,7 +61,12 @@ class BodyIds:
             self._next += 1
         for body, number in enumerate(ids.tolist()):
             self._last[number] = (at_s, positions[body])
+        self._last_s = at_s
         return ids
+
+    def _kept_s(self, seen_s: float) -> float:
+        """Return the time for which a body is kept that was seen last at ``seen_s`` [s]."""
+        return KEPT_IN_STALLS_S if seen_s == self._last_s else KEPT_S
 
 
 def _apart_m(joints: Float64, before: Float64) -> float:
