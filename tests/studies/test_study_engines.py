@@ -128,7 +128,8 @@ def test_a_killed_worker_costs_its_item_only(engine: str, tmp_path: Path, reques
 
     def on_done(index: int, _: Any) -> None:
         done.append(index)
-        if len(done) == 5:  # all but the first, which waits
+        if len(done) == 5:  # all but the first, which waits, or is not even imported
+            wait_for((tmp_path / "0.pid").is_file, "the first item")
             os.kill(int((tmp_path / "0.pid").read_text()), signal.SIGKILL)
 
     results = run_each(engine_items.waits_the_first_time, items, name, on_done)
