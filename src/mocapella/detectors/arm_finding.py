@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.detectors.arm_starts import arm_starts
-from mocapella.detectors.branch_ends import branch_ends, missed, reached, reaching, unexplained
+from mocapella.detectors.branch_ends import branch_ends, missed, reached, reaching, shown_ends, unexplained
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Fitted
 from mocapella.model.arms import ELBOW, PALM
 from mocapella.model.hand import TIPS, Handedness
@@ -49,12 +49,15 @@ class Found(NamedTuple):
         fitted: the fit's pose, sizes and costs.
         missed: cost of the ends of fingers in the image that no fingertip explains; only fits of one hand are compared
             by it.
+        begun: the fit from which the arm is tracked in further images, if its fingertips were moved to ends since; else
+            None. Following moves no fingertips to ends, so they would drift back.
     """
 
     cost: float
     side: Handedness
     fitted: Fitted
     missed: float = 0.0
+    begun: Fitted | None = None
 
     @property
     def rank(self) -> float:
@@ -345,13 +348,51 @@ class ArmFinder:
             best = other
         if best is None:
             return Found(math.inf, found.side, found.fitted)
+        begun = best.fitted
+        best = yield from self._ended(depth, model, best)
         fitted = best.fitted
         if fitted.cost > _SURELY or whole is not depth:
             around = self.region(whole, model.spheres(fitted.pose))
             if around is None or _stray(model, fitted.pose, around) > _STRAY:
                 return Found(math.inf, found.side, fitted)
-        hidden = max(float(fitted.costs[4]), others_edges(best.part.front, self.settings))
-        return Found(fitted.cost + _HIDDEN * hidden, found.side, fitted, best.missed)
+        moved = None if fitted is begun else begun
+        return Found(self.shown_cost(fitted, best.part), found.side, fitted, best.missed, moved)
+
+    def shown_cost(self, fitted: Fitted, part: Region | None) -> float:
+        """Return a fit's cost plus the penalty for occlusion, `Found.cost`; without a region, the fit's cost alone."""
+        if part is None:
+            return fitted.cost
+        return fitted.cost + _HIDDEN * max(float(fitted.costs[4]), others_edges(part.front, self.settings))
+
+    def _ended(self, depth: Float32, model: ArmModel, best: _Refined) -> Steps[_Refined]:
+        """Move the digits near ends of branches so that their flesh ends there; the palm and sizes hardly move.
+
+        A digit at no such end, whose tip is in front of a surface behind it, ends where that surface begins.
+
+        The fit is taken although its cost may be `_ENDED` times as high: the points on the last millimetres of a
+        fingertip are too few to outweigh errors of the model elsewhere.
+
+        Args:
+            depth: (height, width) [m].
+            model, best: the arm, and its fit.
+        """
+        pose = best.fitted.pose
+        points, ends = model.points(pose)[[*TIPS]], model.tip_ends(pose)
+        near = reached(best.ends, ends, _NEAR_END_M)
+        shown = shown_ends(depth, self.lens, model.last_bones(pose))
+        ended = np.where(np.isfinite(near), near, shown)
+        ended[np.linalg.norm(ended - ends, axis=1) < _AT_END_M] = np.nan
+        targets = ended - (ends - points)
+        if not np.isfinite(targets).any():
+            return best
+        prior = model.rigid(pose, _ENDED_SD)
+        prior.certainty[:3], prior.certainty[3:6] = 1 / _ENDED_M**2, 1 / _ENDED_SD**2
+        evidence = evidence_of(best.part, model, pose, beyond=0.3)
+        fitted = model.fit(pose, prior, evidence, iterations=_TO_END, loose=1.0, tips=targets, keep=1.0)
+        yield _work(evidence, _TO_END)
+        if fitted.cost > _ENDED * best.fitted.cost:
+            return best
+        return best._replace(fitted=fitted)
 
     def _reached(self, depth: Float32, model: ArmModel, refined: _Refined) -> Steps[Fitted | None]:
         """Return the best fit with a digit at an end of a branch that no tip explained; None without."""
@@ -471,6 +512,15 @@ _MISSED: Final = 0.02
 """Cost of an end of a branch that no fingertip explains."""
 _FINELY: Final = 20
 """Iterations of the last fit to all points."""
+_NEAR_END_M: Final = 0.02
+"""Distance from the end of a fingertip's flesh to the end of a branch below which both are the same [m]."""
+_AT_END_M: Final = 0.005
+"""Distance below which it ends there already: the ends of branches are as inexact as this [m]."""
+_ENDED: Final = 1.3
+"""Ratio of costs up to which a fit whose fingertips end where branches do is taken."""
+_ENDED_M: Final = 0.003
+_ENDED_SD: Final = np.radians(4)
+"""Standard deviations of that fit: of the palm's position [m], of angles [rad] and of relative sizes."""
 _TO_END: Final = 8
 """Iterations of a fit that brings a digit to the end of a branch."""
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))

@@ -31,6 +31,7 @@ from mocapella.model.hand import TIPS, Handedness, hand_model
 from mocapella.model.observations import JointState
 from mocapella.sensing.arm_region import PalmCandidate, Region, within
 from mocapella.sensing.depth_foreground import DepthForeground
+from mocapella.sensing.mixed_pixels import without_mixed_pixels
 from mocapella.steps import Steps, at_once
 
 Float32 = NDArray[np.float32]
@@ -70,7 +71,7 @@ class KinematicArmDetector:
         self._at_s: float | None = None
         self._frames = self._next_id = 0
         self._search: Search | None = None
-        self._unfinished = False
+        self._unfinished = self._mixes = False
         self._foreground = DepthForeground(self.finder.lens, self.settings.region)
         self._fattening = FatteningGuess(self.settings.fattening_px)
 
@@ -93,7 +94,7 @@ class KinematicArmDetector:
                 f"the depth image is {depth.shape[1]} × {depth.shape[0]}; "
                 f"camera {self.camera.name} has {width} × {height} px"
             )
-        whole = np.ascontiguousarray(depth, dtype=np.float32)
+        whole = self._without_mixed_pixels(np.ascontiguousarray(depth, dtype=np.float32))
         depth = self._fattening.corrected(whole)
         self._before = []
         if self._at_s is not None and at_s - self._at_s > self.settings.independent_s:
@@ -116,6 +117,15 @@ class KinematicArmDetector:
         arms = tuple(self._observed(arm) for arm in sorted(self._believed(), key=lambda arm: arm.id))
         return SeenArms(arms, "" if arms else self._reason(depth))
 
+    def _without_mixed_pixels(self, depth: Float32) -> Float32:
+        """Leave out mixed pixels; before a camera that has none, they are looked for in some images only."""
+        if not self._mixes and self._frames % _LOOK_FOR_MIXED:
+            return depth
+        s = self.settings.region
+        without = without_mixed_pixels(depth, jump=s.jump, far_m=s.far_m)
+        self._mixes = without is not depth
+        return without
+
     @property
     def _unsure(self) -> bool:
         """Whether no arm is reported, or the last search left places out and no arm has had enough good fits."""
@@ -130,21 +140,24 @@ class KinematicArmDetector:
         """Return the arms that have fitted well at least once."""
         most = self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
         for arm in self._arms:
-            arm.believed |= arm.fitted.cost < most
+            arm.believed = arm.believed or self.finder.shown_cost(arm.fitted, arm.region) < most
         return [arm for arm in self._arms if arm.believed]
 
     def _compare(self, whole: Float32) -> None:
-        """Compare the best arm's fit with one to the image of a camera of the other kind, from time to time."""
-        arm = min(self._arms, key=lambda arm: arm.fitted.cost, default=None)
-        if arm is None or arm.fitted.cost > self.settings.firm_in_blocks:
+        """Compare arms' fits with those to the image of a camera of the other kind, from time to time.
+
+        The arm that fits best in either image counts, so that a true hand is not judged by the fit to another surface.
+        """
+        ones = [Found(self.finder.shown_cost(arm.fitted, arm.region), arm.side, arm.fitted) for arm in self._arms]
+        ones = [one for one in ones if one.cost <= self.settings.firm_in_blocks]
+        if not ones or not self._fattening.due(self._frames, urgent=not self._believed()):
             return
-        if not self._fattening.due(self._frames, urgent=not self._believed()):
-            return
-        one = Found(arm.fitted.cost, arm.side, arm.fitted)
-        other = self._refitted(one, self._fattening.otherwise(whole))
-        if self._fattening.learn(self._frames, [one.cost], [other.cost]):
+        otherwise = self._fattening.otherwise(whole)
+        costs = [(one.cost, self._refitted(one, otherwise).cost) for one in ones]
+        measured, other = min(costs, key=min)
+        if self._fattening.learn(self._frames, [measured], [other]):
             for arm in self._arms:
-                arm.believed = arm.fitted.cost < self.settings.firm
+                arm.believed = self.finder.shown_cost(arm.fitted, arm.region) < self.settings.firm
 
     def _refitted(self, one: Found, depth: Float32) -> Found:
         """Return an arm's fit to another image of the same instant, from its pose; of cost ∞ if it is not there."""
@@ -153,7 +166,7 @@ class KinematicArmDetector:
         if part is None:
             return Found(math.inf, one.side, one.fitted)
         fitted = model.fit(pose, model.unexpected(pose), evidence_of(part, model, pose), iterations=4, loose=1.0)
-        return Found(fitted.cost, one.side, fitted, one.missed)
+        return Found(self.finder.shown_cost(fitted, part), one.side, fitted, one.missed)
 
     def _reason(self, depth: Float32) -> str:
         s = self.settings.region
@@ -169,6 +182,8 @@ class KinematicArmDetector:
     def _follow(self, arm: CameraArmTrack, depth: Float32, at_s: float) -> bool:
         model, s = arm.model, self.settings
         dt = max(at_s - arm.at_s, 1e-3)
+        if arm.begun is not None:
+            arm.fitted, arm.begun = arm.begun, None
         predicted = arm.predicted(dt)
         part = self.finder.region(depth, model.spheres(predicted))
         if part is None:
@@ -339,13 +354,12 @@ class KinematicArmDetector:
             )
 
         found, tried = yield from searched(depth)
-        costs = [one.cost for one in found]
-        if tried and not self._arms and not guess.known and not any(cost < self.settings.firm for cost in costs):
+        poor = not any(one.cost < self.settings.firm for one in found)
+        if tried and not self._arms and not guess.known and poor:
             otherwise = guess.otherwise(search.depth)
             instead = yield from searched(otherwise)
             again = [self._refitted(one, depth) for one in instead[0]]
-            costs += [one.cost for one in again]
-            if guess.learn(self._frames, costs, [one.cost for one in instead[0]]):
+            if guess.learn(self._frames, *self._of_same_hands(found, instead[0], again)):
                 (found, tried), depth = instead, otherwise
             else:
                 found = [*found, *(one for one in again if one.cost < self.settings.believe)]
@@ -362,8 +376,7 @@ class KinematicArmDetector:
                 self.finder.sure(one, found),
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
-            if self._fattening.px:
-                arm.unclear = self.finder.unclear(one, found)
+            arm.unclear, arm.begun = self.finder.unclear(one, found), one.begun
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)
@@ -373,6 +386,27 @@ class KinematicArmDetector:
         for candidate in tried:
             if not any(within(candidate.centre, balls) for arm, balls in hands.items() if arm in self._arms):
                 self._refuse(candidate.centre)
+
+    def _of_same_hands(
+        self, found: list[Found], instead: list[Found], again: list[Found]
+    ) -> tuple[list[float], list[float]]:
+        """Return costs of the hand that fits best in an image of either kind, as measured and of the other kind.
+
+        Costs of different surfaces say nothing about the camera: a forearm's end may fit the measured image as well as
+        a true fist does.
+
+        Args:
+            found: fits to the measured image.
+            instead: fits to the image of the other kind.
+            again: the fits of ``instead``, in this order, refitted to the measured image.
+        """
+        if not instead:
+            return [one.cost for one in found], []
+        best = min(instead, key=lambda one: one.rank)
+        same = [other for other in instead if self.finder.near(best, other)]
+        measured = [other.cost for other in found if self.finder.near(best, other)]
+        measured += [other.cost for one, other in zip(instead, again, strict=True) if self.finder.near(best, one)]
+        return measured, [one.cost for one in same]
 
     def _admit(self, arm: CameraArmTrack, depth: Float32) -> None:
         """Track a further arm from now on, unless a tracked one explains its points better."""
@@ -434,7 +468,9 @@ class KinematicArmDetector:
         shown = np.zeros(len(points))
         if arm.region is not None:
             shown = model.visible(pose, arm.region.front, arm.region.lens)
-        clear = ~arm.unclear | (arm.firm >= _FIRM_AFTER)
+        # Before a camera that matches blocks, right fits cost more than what proves an arm.
+        settled = arm.firm >= _FIRM_AFTER and (arm.proven or self._fattening.px > 0)
+        clear = ~arm.unclear | settled
         least = _VISIBLE_IN_BLOCKS if self._fattening.px else _VISIBLE
         states = np.where((shown > least) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = _sd_m(np.where(clear, shown, 0.0), arm.fitted.cost).astype(np.float32)
@@ -462,6 +498,8 @@ _FOLLOWED: Final = 2500
 """Time to track an arm through an image [µs]."""
 _FIRM_AFTER: Final = 5
 """Images with a good fit after which no replacement for an arm is searched."""
+_LOOK_FOR_MIXED: Final = 30
+"""Images between two searches for mixed pixels, before a camera that had none in the last."""
 _PLACES: Final = 8
 """Places searched in an image while there is no arm."""
 _CANDIDATES: Final = 24

@@ -30,6 +30,7 @@ class CameraArmTrack:
     Attributes:
         side, model: side of the hand, and the arm's model.
         fitted: the newest fit.
+        begun: the fit that the next image is fitted from instead, see `arm_finding.Found`; None after it.
         at_s: capture time of the fitted image [s]; `move` does not change it.
         drift: (6 + n,) exponential mean of the motions between images, of palm and angles as in ``velocity``, in
             standard deviations of an arm at rest; noise has a mean of 0. A new arm counts as moving.
@@ -51,6 +52,7 @@ class CameraArmTrack:
     def __init__(self, side: Handedness, model: ArmModel, fitted: Fitted, at_s: float, wait: int) -> None:
         self.side, self.model, self.fitted, self.at_s = side, model, fitted, at_s
         self.id = -1
+        self.begun: Fitted | None = None
         self.velocity = np.zeros(6 + len(fitted.pose.z))
         self.drift = np.full(6 + len(fitted.pose.z), _NEW_DRIFT)
         self.doubtful = self.in_doubt = self.firm = self.next_digit = 0

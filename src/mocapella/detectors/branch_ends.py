@@ -20,6 +20,10 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
+EXPLAINED_M: Final = 0.015
+"""Distance from a fingertip below which it explains the end of a branch [m]: less than the width of a finger, and more
+than a branch ends before or behind the true tip in most images before a Kinect."""
+
 
 def branch_ends(depth: Float32, lens: Float64, palm: Float64, s: ArmRegionSettings) -> Float64:
     """Return (k, 3) the ends of branches as narrow as a finger of the surface around a palm, camera frame [m].
@@ -80,19 +84,57 @@ def missed(ends: Float64, tips: Float64) -> float:
     return float((1.0 / (1.0 + (EXPLAINED_M / np.maximum(apart, 1e-6)) ** 2)).sum())
 
 
-def reached(ends: Float64, tips: Float64) -> Float64:
-    """Return (5, 3) the end of a branch that each fingertip is at, NaN for none: nearest to each other, and explained.
+def reached(ends: Float64, tips: Float64, within_m: float = EXPLAINED_M) -> Float64:
+    """Return (5, 3) the end of a branch that each fingertip is at, NaN for none: nearest to each other, and near.
 
     Args:
         ends, tips: as for `unexplained`.
+        within_m: greatest distance between both [m].
     """
     out = np.full((5, 3), np.nan)
     if len(ends):
         apart = np.linalg.norm(ends[:, None] - tips[None], axis=2)
         for digit, end in enumerate(apart.argmin(axis=0)):
-            if apart[end].argmin() == digit and apart[end, digit] <= EXPLAINED_M:
+            if apart[end].argmin() == digit and apart[end, digit] <= within_m:
                 out[digit] = ends[end]
     return out
+
+
+def shown_ends(depth: Float32, lens: Float64, bones: Float64) -> Float64:
+    """Return (5, 3) where fingertips end in front of a surface farther away, camera frame [m]; NaN for the others.
+
+    From the end of a tip's flesh back along its bone, the first place whose surface is measured is the end. It is none
+    if it is the tip's own end, if nothing is measured within `_SHORTER_M`, or if a nearer surface hides the tip.
+
+    Args:
+        depth: (height, width) [m].
+        lens: (4,) fx, fy, cx, cy of the image [px], or (9,) with the distortion, which is not used.
+        bones: (5, 8) of `ArmModel.last_bones`.
+    """
+    begin, end, (ra, rb) = bones[:, :3], bones[:, 3:6], bones[:, 6:].T
+    long = np.linalg.norm(end - begin, axis=1)
+    along = (end - begin) / long[:, None]
+    back = np.arange(0.0, _SHORTER_M, _STEP_M)
+    at = long[:, None] + rb[:, None] - back  # (5, steps) from the bone's begin
+    beyond = np.clip(at - long[:, None], 0.0, None)
+    radius = rb[:, None] + (ra - rb)[:, None] * np.clip(1.0 - at / long[:, None], 0.0, 1.0)
+    radius = np.sqrt(np.clip(radius**2 - beyond**2, 0.0, None))
+    points = begin[:, None] + at[..., None] * along[:, None]
+    fx, fy, cx, cy = lens[:4]
+    z = np.maximum(points[..., 2], _NEAREST_Z_M)
+    columns, lines = (np.rint(points[..., k] / z * f + c).astype(np.int64) for k, f, c in ((0, fx, cx), (1, fy, cy)))
+    height, width = depth.shape
+    inside = (columns >= 0) & (columns < width) & (lines >= 0) & (lines < height)
+    seen = np.where(inside, depth[lines.clip(0, height - 1), columns.clip(0, width - 1)], 0.0)
+    behind = seen - (z - radius)
+    shown = inside & (seen > 0) & (np.abs(behind) < _SHOWN_M)
+    first = shown.argmax(axis=1)
+    hidden = (seen > 0) & (behind < -_SHOWN_M)
+    digits = np.arange(5)
+    apart = (seen > 0) & (behind > _SHOWN_M) & (np.arange(len(back)) < first[:, None])
+    ended = shown[digits, first] & (back[first] > _OWN_END_M) & apart.any(axis=1)
+    ended &= ~(hidden & (np.arange(len(back)) < first[:, None])).any(axis=1)
+    return np.asarray(np.where(ended[:, None], points[digits, first], np.nan))
 
 
 def reaching(model: ArmModel, pose: ArmPose, end: Float64) -> Iterator[tuple[ArmPose, Float64]]:
@@ -124,11 +166,15 @@ def reaching(model: ArmModel, pose: ArmPose, end: Float64) -> Iterator[tuple[Arm
             yield starts[nearest], targets
 
 
-EXPLAINED_M: Final = 0.015
-"""Distance from a fingertip below which it explains the end of a branch [m]: less than the width of a finger, and more
-than a branch ends before or behind the true tip in most images before a Kinect."""
 REACHED_M: Final = 0.03
 """Distance from the end of a branch within which a digit's nearest posture must have its tip [m]."""
+_SHORTER_M: Final = 0.024
+"""Greatest length of a fingertip's flesh that is not measured, in front of another surface [m]."""
+_STEP_M: Final = 0.001
+_SHOWN_M: Final = 0.012
+"""Greatest distance between the flesh's surface and the measured one [m]."""
+_OWN_END_M: Final = 0.003
+_NEAREST_Z_M: Final = 0.05
 _MOST: Final = 24
 """Most branches of a surface."""
 _FARTHEST_M: Final = 0.19

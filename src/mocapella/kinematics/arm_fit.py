@@ -445,6 +445,23 @@ class ArmModel:
         x[22] = (pose.v[2] + along) * f + behind * bent / max(float(np.linalg.norm(bent)), 0.3)
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
 
+    def last_bones(self, pose: ArmPose) -> Float64:
+        """Return (5, 8) the flesh about each digit's last bone: its axis' begin and end, camera frame, and radii [m].
+
+        The landmark of the fingertip is beyond the axis' end, by less than the radius there.
+        """
+        k = kernels()
+        last = self.pieces(pose)[0][2:15:3]
+        begin, along = last[:, k.FROM : k.FROM + 3], last[:, k.LENGTH, None] * last[:, k.U : k.U + 3]
+        axes = np.stack([begin, begin + along], axis=1) @ pose.R.reshape(3, 3).T + pose.t
+        return np.hstack([axes.reshape(5, 6), last[:, [k.RA, k.RB]]])
+
+    def tip_ends(self, pose: ArmPose) -> Float64:
+        """Return (5, 3) where the flesh of each fingertip ends along its last bone, camera frame [m]."""
+        bones = self.last_bones(pose)
+        along = bones[:, 3:6] - bones[:, :3]
+        return np.asarray(bones[:, 3:6] + bones[:, 7:] * along / np.linalg.norm(along, axis=1, keepdims=True))
+
     def visible(self, pose: ArmPose, front: Float64, lens: Float64) -> Float64:
         """Return for each landmark (23,) the fraction of the camera-facing surface around it that the image confirms.
 
@@ -455,7 +472,9 @@ class ArmModel:
             front, lens: (h, w) [m] and (4,) [px] of `ArmEvidence`.
         """
         out = np.empty(23)
-        kernels().visible(self.pieces(pose)[0], self._places, pose.R, pose.t, front, lens, _NEAR_M, out)
+        kernels().visible(
+            self.pieces(pose)[0], self.owners, self._places, pose.R, pose.t, front, lens, _NEAR_M, out
+        )  # fmt: skip
         return out
 
     def angles(self, pose: ArmPose) -> Float64:

@@ -38,6 +38,8 @@ STATE = 15
 D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
 BODY_DOFS = 13
 
+_INNER = 0.8  # share of the radius of flesh that hides what is behind its axis or in it, see `covered`
+
 
 @njit(cache=True)
 def write_piece(
@@ -274,17 +276,57 @@ def _shows(front: Float64, lens: Float64, X: float, Y: float, Z: float, near: fl
 
 
 @njit(cache=True)
+def covered(
+    pieces: Float64, owners: Int64, digit: int, x: float, y: float, z: float, dx: float, dy: float, dz: float
+) -> bool:
+    """Return whether the palm or another digit hides a point of a digit's surface from the camera.
+
+    They do if the line from the point to the camera passes through the inner part of their flesh (`_INNER`), or if the
+    point is in it.
+
+    Args:
+        pieces: (pieces, PIECE) of `flesh`.
+        owners: (pieces, 2) digit or body part, and bone, of each capsule, of `ArmArrays`.
+        digit: index of the digit, whose own capsules do not count.
+        x, y, z: the point, palm's frame [m].
+        dx, dy, dz: unit vector from it to the camera, palm's frame.
+    """
+    for i in range(len(pieces)):
+        owner = owners[i, 0]
+        if owner == digit or owner < OF_PALM:
+            continue
+        p = pieces[i]
+        # Nearest points of the line of sight, from the point on, and of the capsule's axis: each is clamped in turn.
+        ax, ay, az = x - p[FROM], y - p[FROM + 1], z - p[FROM + 2]
+        a_u = ax * p[U] + ay * p[U + 1] + az * p[U + 2]
+        a_d = ax * dx + ay * dy + az * dz
+        u_d = p[U] * dx + p[U + 1] * dy + p[U + 2] * dz
+        along = max((u_d * a_u - a_d) / max(1.0 - u_d * u_d, 1e-6), 0.0)
+        c = min(max(a_u + along * u_d, 0.0), p[LENGTH])
+        along = max(c * u_d - a_d, 0.0)
+        ox = ax + along * dx - c * p[U]
+        oy = ay + along * dy - c * p[U + 1]
+        oz = az + along * dz - c * p[U + 2]
+        r = _INNER * (p[RA] + (p[RB] - p[RA]) * c / max(p[LENGTH], 1e-6))
+        if ox * ox + oy * oy + oz * oz < r * r:
+            return True
+    return False
+
+
+@njit(cache=True)
 def visible(
-    pieces: Float64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
+    pieces: Float64, owners: Int64, places: Float64, R: Float64, t: Float64, front: Float64, lens: Float64, near: float,
     out: Float64,
 ) -> None:  # fmt: skip
     """Write for each landmark the fraction of the camera-facing surface around it that the image confirms.
 
     The capsules are sampled in rings about their axes: before the landmark, at it and beyond it; at a fingertip, before
-    it and on the round end.
+    it and on the round end. Of a fingertip, the image does not confirm what the palm or another digit covers: the
+    measured surface is theirs.
 
     Args:
         pieces: (pieces, PIECE) of `flesh`.
+        owners: (pieces, 2) digit or body part, and bone, of each capsule, of `ArmArrays`.
         places: (k, 3) for each landmark the index of its piece, the position along it from 0 to 1, and 1 if the piece
             ends there, else 0.
         R, t: (9,), (3,) motion from the palm's frame to the camera frame, rotation by rows; translation [m].
@@ -297,7 +339,7 @@ def visible(
         r = p[RA] + f * (p[RB] - p[RA])
         ax, ay, az = across(p[U], p[U + 1], p[U + 2])
         bx, by, bz = p[U + 1] * az - p[U + 2] * ay, p[U + 2] * ax - p[U] * az, p[U] * ay - p[U + 1] * ax
-        facing, agree, ends = 0, 0, places[i, 2] > 0.0
+        facing, agree, ends, digit = 0, 0, places[i, 2] > 0.0, owners[int(places[i, 0]), 0]
         for ring in range(5 if ends else 3):
             along, sine = f * p[LENGTH] + (ring - 1) * r, 0.0
             if ends:
@@ -324,5 +366,11 @@ def visible(
                 if Z < 0.05 or away > -0.1 * math.sqrt(X * X + Y * Y + Z * Z):
                     continue
                 facing += 1
-                agree += _shows(front, lens, X, Y, Z, near)
+                if _shows(front, lens, X, Y, Z, near):
+                    g = -1.0 / math.sqrt(X * X + Y * Y + Z * Z)
+                    dx = g * (R[0] * X + R[3] * Y + R[6] * Z)
+                    dy = g * (R[1] * X + R[4] * Y + R[7] * Z)
+                    dz = g * (R[2] * X + R[5] * Y + R[8] * Z)
+                    if not ends or not covered(pieces, owners, digit, x, y, w, dx, dy, dz):
+                        agree += 1
         out[i] = agree / max(facing, 1)

@@ -47,6 +47,7 @@ from mocapella.sources.simulate.arm_mesh import (
     WRIST_END,
     ArmMesh,
     ArmMeshPose,
+    ArmShape,
     arm_mesh,
     arm_shapes,
 )
@@ -111,6 +112,7 @@ class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         pitch_deg: least and greatest angle by which the elbow is behind the hand [deg].
         joints_deg: flexion of the elbow, pronation, flexion and deviation of the wrist at the beginning [deg].
         distance: factor of the hands' distance.
+        shape: the person's arm; None for one of `arm_shapes`, which the seed chooses.
     """
 
     keys: tuple[Key, ...]
@@ -125,6 +127,7 @@ class DepthSceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     pitch_deg: tuple[float, float] = (8.0, 32.0)
     joints_deg: tuple[float, float, float, float] = (100.0, 75.0, 0.0, 0.0)
     distance: float = 1.0
+    shape: ArmShape | None = None
 
 
 class ArmTruth(msgspec.Struct, frozen=True, eq=False):
@@ -146,7 +149,7 @@ class ArmTruth(msgspec.Struct, frozen=True, eq=False):
         tip_px: (5, 2) number of pixels of each tip's patch: in the image before noise; and without any occlusion, there
             also beyond the image's border.
         gesture: name of the gesture; empty without one.
-        shape: the person's name in `arm_shapes`.
+        shape: the person's name in `arm_shapes`; empty for another arm.
     """
 
     left: bool
@@ -329,7 +332,7 @@ class DepthScene:
         distance = float(rng.uniform(*self.sensor.distance_m)) * s.distance
         actors = []
         for n in range(s.arms):
-            mesh = arm_mesh(arm_shapes()[shape], "left" if left != bool(n) else "right")
+            mesh = arm_mesh(s.shape or arm_shapes()[shape], "left" if left != bool(n) else "right")
             R = _facing(s, rng)
             joints = np.radians(s.joints_deg) + np.radians(rng.normal(0, [6, 5, 4, 3]))
             start = held_at(mesh, joints, R, np.zeros(3))
@@ -348,7 +351,7 @@ class DepthScene:
                 peak_m_s=s.peak_m_s * float(rng.uniform(0.95, 1.1)),
                 phase=float(rng.uniform()), amount_deg=2.5, seed=int(rng.integers(1 << 31)),
             )  # fmt: skip
-            actors.append(_Actor(mesh, motion, shape, 0.7 * n))
+            actors.append(_Actor(mesh, motion, "" if s.shape else shape, 0.7 * n))
         return actors
 
     def _person(self, rng: np.random.Generator) -> tuple[tuple[Float64, Int64] | None, Float64]:
