@@ -14,10 +14,10 @@ from mocapella.calibration.keypoint_bundle import (
     CAMERA,
     CLOCK,
     FOCAL,
+    JOINTS,
     LENS,
     POSE,
     STATURES,
-    USED,
     AdjustedPeople,
     BundlePrior,
     KeypointViews,
@@ -51,7 +51,7 @@ def prior(*, alike: bool, free_lens: bool = True) -> BundlePrior:
 def joints() -> Float64:
     times = np.linspace(0.0, 6.0, BODIES, endpoint=False)
     path = circling(0.9, 6.0)
-    return np.array([apply(RIG[0].T_camera_world, walker(t, path)[list(USED)]) for t in times])
+    return np.array([apply(RIG[0].T_camera_world, walker(t, path)) for t in times])
 
 
 def log_lengths() -> Float64:
@@ -67,7 +67,7 @@ def stature() -> float:
 
 @cache
 def adjusted(noise_px: float, *, alike: bool = False, free_lens: bool = True) -> AdjustedPeople:
-    shape = 3, BODIES, len(USED)
+    shape = 3, BODIES, JOINTS
     camera, body, joint = (index.ravel() for index in np.meshgrid(*map(range, shape), indexing="ij"))
     seen = np.array([project(apply(one, joints()), lens) for one, lens in zip(T, TRUE, strict=True)]).reshape(-1, 2)
     seen += np.random.default_rng(0).normal(0.0, noise_px, seen.shape)

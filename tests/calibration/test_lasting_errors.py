@@ -9,8 +9,8 @@ from support.webcam_people import Path, circling, standing, walker
 from mocapella.calibration.keypoint_bundle import (
     BONES,
     CAMERA,
+    JOINTS,
     STATURES,
-    USED,
     BundlePrior,
     KeypointViews,
     PeopleBundle,
@@ -28,9 +28,9 @@ def positions_sd(path: Path, bodies: int) -> float:
     """Stated standard deviation of the last camera's position [m], with one person on a path for 6 s."""
     times = np.linspace(0.0, 6.0, bodies, endpoint=False)
     T_camera_world = np.array([one.T_camera_world @ inverse(RIG[0].T_camera_world) for one in RIG])
-    joints = np.array([apply(RIG[0].T_camera_world, walker(t, path)[list(USED)]) for t in times])
+    joints = np.array([apply(RIG[0].T_camera_world, walker(t, path)) for t in times])
     camera, body, joint = (
-        index.ravel() for index in np.meshgrid(range(3), range(bodies), range(len(USED)), indexing="ij")
+        index.ravel() for index in np.meshgrid(range(3), range(bodies), range(JOINTS), indexing="ij")
     )
     random = np.random.default_rng(0)
     exact = np.array([project(apply(T, joints), one.camera.lens) for T, one in zip(T_camera_world, RIG, strict=True)])

@@ -11,12 +11,20 @@ Biometrika 73 (1986) 13).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.calibration.keypoint_contact import (
+    CONTACTS,
+    FLOOR,
+    contact_derivatives,
+    contact_residuals,
+    moved_floor,
+    no_floor,
+)
 from mocapella.calibration.keypoint_tracks import HALPE
 from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.geometry.alignment import cross_matrix
@@ -58,17 +66,12 @@ _LENGTHS: Final = {  # in statures: Drillis, Contini, *Body segment parameters* 
     ("Hip", "Knee"): 0.245, ("Knee", "Ankle"): 0.246, ("Shoulder", "Elbow"): 0.186, ("Elbow", "Wrist"): 0.146,
     ("Shoulder", "Hip"): 0.288,
 }  # fmt: skip
-USED: Final = tuple(
-    HALPE.index(side + name) for name in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
-)
-"""Joints of `HALPE` that are adjusted: the ends of bones of constant length. Ears and feet made real clips worse."""
-JOINTS: Final = len(USED)
+JOINTS: Final = len(HALPE)
+"""Number of joints of a body, those of `HALPE`."""
 BONES: Final = tuple(
-    (USED.index(HALPE.index(side + a)), USED.index(HALPE.index(side + b)), k)
-    for k, (a, b) in enumerate(_LENGTHS)
-    for side in "LR"
+    (HALPE.index(side + a), HALPE.index(side + b), k) for k, (a, b) in enumerate(_LENGTHS) for side in "LR"
 )
-"""Joints at the ends of each bone, in `USED`, and the number of its length, which left and right share."""
+"""Joints at the ends of each bone, in `HALPE`, and the number of its length, which left and right share."""
 STATURES: Final = np.array(list(_LENGTHS.values()))
 """Typical lengths of the bones, in statures."""
 
@@ -80,12 +83,13 @@ class KeypointViews:
     Attributes:
         camera: (n,) index of the camera.
         body: (n,) index of the body.
-        joint: (n,) index of the joint in `USED`.
+        joint: (n,) index of the joint in `HALPE`.
         pixel: (n, 2) keypoint, interpolated to the instant by the camera's present clock [px].
         velocity: (n, 2) its velocity [px/s].
         sd: (n,) relative standard deviation of the keypoint's coordinates.
         person: (bodies,) person of each body.
         cluster: (bodies,) number of the stretch of time and person, within which errors are dependent.
+        resting: (bodies, 26) whether a keypoint of a foot rests on the floor; None if that is not known.
     """
 
     camera: Int64
@@ -96,6 +100,7 @@ class KeypointViews:
     sd: Float64
     person: Int64
     cluster: Int64
+    resting: Bool | None = None
 
 
 @dataclass(frozen=True)
@@ -106,8 +111,9 @@ class PeopleBundle:
         T_camera_world: (cameras, 4, 4).
         lenses: (cameras, 9), see `geometry.lens`.
         clocks_s: (cameras,) the camera's time minus the rig's, relative to the clocks of the interpolation [s].
-        joints: (bodies, 12, 3) in the world [m]; any value where fewer than two cameras see a joint.
+        joints: (bodies, 26, 3) in the world [m]; any value where fewer than two cameras see a joint.
         log_lengths: (people, bones) logarithms of the bones' lengths [m].
+        floor: (7,) normal and heights of the floor, see `keypoint_contact.contact_residuals`.
     """
 
     T_camera_world: Float64
@@ -115,6 +121,7 @@ class PeopleBundle:
     clocks_s: Float64
     joints: Float64
     log_lengths: Float64
+    floor: Float64 = field(default_factory=no_floor)
 
 
 @dataclass(frozen=True)
@@ -161,11 +168,11 @@ class _System:
     """The equations JᵀWJ x = −JᵀWr of one step.
 
     Attributes:
-        general: (g, g) of the cameras and bones.
-        joints: (bodies, 36, 36).
-        mixed: (bodies, g, 36).
+        general: (g, g) of the cameras, bones and floor.
+        joints: (bodies, 78, 78).
+        mixed: (bodies, g, 78).
         of_general: (g,) right-hand side.
-        of_joints: (bodies, 36).
+        of_joints: (bodies, 78).
         of_bodies: (bodies, g) part of each body in the right-hand side.
     """
 
@@ -200,7 +207,8 @@ def adjusting_people(
     """Return the steps of `adjust_people` without the covariance, which is 0."""
     seen = _seen(views)
     unknown = 3 * int(seen.sum()) + int(prior.free.sum()) + start.log_lengths.size
-    spare = min(0.9, unknown / (views.pixel.size + seen[:, :1].size * len(BONES)))
+    known = views.pixel.size + len(seen) * len(BONES) + int(_resting(views, seen).sum())
+    spare = min(0.9, unknown / known)
     bundle, sigma = start, _sigma(views, _residual(views, start), spare)
     for _ in range(rounds):
         bundle = yield from _descend(views, bundle, prior, sigma, seen)
@@ -215,6 +223,10 @@ def _seen(views: KeypointViews) -> Bool:
     seen = np.zeros((len(views.person), JOINTS), dtype=bool)
     seen[views.body, views.joint] = True
     return seen
+
+
+def _resting(views: KeypointViews, seen: Bool) -> Bool:
+    return np.zeros_like(seen) if views.resting is None else views.resting & seen
 
 
 def _sigma(views: KeypointViews, residual: Float64, spare: float) -> float:
@@ -279,7 +291,8 @@ def _prior_residuals(bundle: PeopleBundle, prior: BundlePrior) -> tuple[Float64,
 def _cost(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> float:
     squares = (_residual(views, bundle) ** 2).sum(axis=1) / (views.sd * sigma) ** 2
     bones, priors = _bones(bundle, views.person, seen)[0], (*_prior_residuals(bundle, prior), _unlike(bundle, prior))
-    return _loss(squares) + _loss(bones**2) + sum(float(np.sum(np.square(r))) for r in priors)
+    contacts = contact_residuals(bundle.joints, _resting(views, seen), bundle.floor)
+    return _loss(squares) + _loss(bones**2) + _loss(contacts**2) + sum(float(np.sum(np.square(r))) for r in priors)
 
 
 def _descend(
@@ -308,7 +321,7 @@ def _descend(
 
 def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, sigma: float, seen: Bool) -> _System:
     cameras, bodies = len(bundle.lenses), len(views.person)
-    size = cameras * CAMERA + bundle.log_lengths.size
+    size = cameras * CAMERA + bundle.log_lengths.size + FLOOR
     residual, J, by_joint = _linearised(views, bundle, prior)
     scale = views.sd * sigma
     weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / (CAUCHY * scale) ** 2) / scale**2
@@ -319,8 +332,8 @@ def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, s
     both = np.einsum("nki,nkj->nij", weighted, by_joint)
     squares = np.einsum("nki,nkj->nij", joint_weighted, by_joint)
     pulls, joint_pulls = (np.einsum("nki,nk->ni", j, residual) for j in (weighted, joint_weighted))
-    blocks = mixed[:, : cameras * CAMERA].reshape(bodies, cameras, CAMERA, JOINTS, 3)
-    blocks[views.body, views.camera, :, views.joint] = both
+    by_camera = mixed[:, : cameras * CAMERA].reshape(bodies, cameras, CAMERA, JOINTS, 3)
+    by_camera[views.body, views.camera, :, views.joint] = both
     for c in range(cameras):
         mine = views.camera == c
         own, b, j = slice(c * CAMERA, (c + 1) * CAMERA), views.body[mine], views.joint[mine]
@@ -328,7 +341,9 @@ def _equations(views: KeypointViews, bundle: PeopleBundle, prior: BundlePrior, s
         joints[b, j, :, j] += squares[mine]
         of_joints[b, j] += joint_pulls[mine]
         np.add.at(of_bodies[:, own], b, pulls[mine])
-    _add_bones(_Blocks(general, mixed, joints, of_joints, of_bodies), bundle, views.person, seen)
+    blocks = _Blocks(general, mixed, joints, of_joints, of_bodies)
+    _add_bones(blocks, bundle, views.person, seen)
+    _add_contacts(blocks, bundle, _resting(views, seen))
     of_general = of_bodies.sum(axis=0)
     _add_prior(general, of_general, bundle, prior)
     nothing = np.repeat(~seen, 3, axis=1)
@@ -367,7 +382,7 @@ class _Blocks:
 def _add_bones(to: _Blocks, bundle: PeopleBundle, person: Int64, seen: Bool) -> None:
     residual, along, ratio = _bones(bundle, person, seen)
     weight = 1.0 / (1.0 + residual**2 / CAUCHY**2)
-    first = len(to.general) - bundle.log_lengths.size
+    first = len(bundle.lenses) * CAMERA
     bodies = np.arange(len(person))
     for k, (i, j, which) in enumerate(BONES):
         length = np.exp(bundle.log_lengths[person, which])
@@ -387,6 +402,24 @@ def _add_bones(to: _Blocks, bundle: PeopleBundle, person: Int64, seen: Bool) -> 
         cross = by_i * (w * by_l)[:, None]
         to.mixed[bodies, column, 3 * i : 3 * i + 3] += cross
         to.mixed[bodies, column, 3 * j : 3 * j + 3] -= cross
+
+
+def _add_contacts(to: _Blocks, bundle: PeopleBundle, resting: Bool) -> None:
+    residual = contact_residuals(bundle.joints, resting, bundle.floor)
+    by_joint, by_floor = contact_derivatives(bundle.joints, bundle.floor)
+    weight = np.where(resting[:, CONTACTS], 1.0 / (1.0 + residual**2 / CAUCHY**2), 0.0)
+    floor = slice(len(to.general) - FLOOR, len(to.general))
+    weighted = by_floor * weight[..., None]
+    to.general[floor, floor] += np.einsum("bki,bkj->ij", weighted, by_floor) + _UNKNOWN * np.eye(FLOOR)
+    to.of_bodies[:, floor] += np.einsum("bki,bk->bi", weighted, residual)
+    for k, joint in enumerate(CONTACTS):
+        to.joints[:, joint, :, joint] += weight[:, k, None, None] * np.outer(by_joint, by_joint)
+        to.of_joints[:, joint] += (weight[:, k] * residual[:, k])[:, None] * by_joint
+        to.mixed[:, floor, 3 * joint : 3 * joint + 3] += weighted[:, k, :, None] * by_joint
+
+
+_UNKNOWN: Final = 1e-6
+"""Weight of the present floor, so that its equations are never singular."""
 
 
 def _add_prior(general: Float64, of_general: Float64, bundle: PeopleBundle, prior: BundlePrior) -> None:
@@ -411,13 +444,50 @@ def _add_prior(general: Float64, of_general: Float64, bundle: PeopleBundle, prio
     general[fixed, fixed] += 1.0
 
 
-def _reduced(system: _System, damping: float) -> tuple[Float64, Float64, Float64]:
-    """Eliminate the joints; return the equations of cameras and bones, (bodies, 36, g), and the inverse blocks."""
-    count = system.joints.shape[-1]
-    diagonal = np.einsum("bii->bi", system.joints)
-    damped = system.joints + np.einsum("bi,ij->bij", diagonal * damping + 1e-9, np.eye(count))
-    inverse = np.asarray(np.linalg.inv(damped))
-    solved = inverse @ np.swapaxes(system.mixed, 1, 2)
+@dataclass(frozen=True)
+class _JointInverse:
+    """Inverse of the joints' equations of each body: one block of the ends of bones, and one of each other joint.
+
+    Attributes:
+        ends: (bodies, 36, 36).
+        others: (bodies, 14, 3, 3).
+    """
+
+    ends: Float64
+    others: Float64
+
+    def times(self, values: Float64) -> Float64:
+        """Return the product with values (bodies, 78, k)."""
+        bodies, _, columns = values.shape
+        out = np.empty_like(values)
+        out[:, _END_ROWS] = self.ends @ values[:, _END_ROWS]
+        others = self.others @ values[:, _OTHER_ROWS].reshape(bodies, -1, 3, columns)
+        out[:, _OTHER_ROWS] = others.reshape(bodies, -1, columns)
+        return out
+
+
+_ENDS: Final = np.unique([joint for one, other, _ in BONES for joint in (one, other)])
+_OTHERS: Final = np.setdiff1d(np.arange(JOINTS), _ENDS)
+_END_ROWS: Final = (3 * _ENDS[:, None] + np.arange(3)).ravel()
+_OTHER_ROWS: Final = (3 * _OTHERS[:, None] + np.arange(3)).ravel()
+
+
+def _joint_inverse(joints: Float64, damping: float) -> _JointInverse:
+    """Invert equations (bodies, 78, 78) that couple no joints but the ends of bones."""
+    bodies = len(joints)
+    diagonal = np.einsum("bii->bi", joints) * damping + 1e-9
+    ends = joints[:, _END_ROWS[:, None], _END_ROWS]
+    ends[:, np.arange(len(_END_ROWS)), np.arange(len(_END_ROWS))] += diagonal[:, _END_ROWS]
+    blocks = joints.reshape(bodies, JOINTS, 3, JOINTS, 3)
+    others = blocks[:, _OTHERS, :, _OTHERS].swapaxes(0, 1)
+    others[..., np.arange(3), np.arange(3)] += diagonal[:, _OTHER_ROWS].reshape(bodies, -1, 3)
+    return _JointInverse(np.asarray(np.linalg.inv(ends)), np.asarray(np.linalg.inv(others)))
+
+
+def _reduced(system: _System, damping: float) -> tuple[Float64, Float64, _JointInverse]:
+    """Eliminate the joints; return the equations of the others, (bodies, 78, g), and the inverse blocks."""
+    inverse = _joint_inverse(system.joints, damping)
+    solved = inverse.times(np.swapaxes(system.mixed, 1, 2))
     general = system.general + damping * np.diag(np.diag(system.general))
     flat = system.mixed.transpose(1, 0, 2).reshape(len(general), -1)
     return general - flat @ solved.reshape(-1, len(general)), solved, inverse
@@ -425,7 +495,7 @@ def _reduced(system: _System, damping: float) -> tuple[Float64, Float64, Float64
 
 def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: float) -> PeopleBundle:
     S, solved, inverse = _reduced(system, damping)
-    own = (inverse @ system.of_joints[..., None])[..., 0]
+    own = inverse.times(system.of_joints[..., None])[..., 0]
     right = system.of_general - np.einsum("bgi,bi->g", system.mixed, own)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-30))
     x = -scale * np.linalg.lstsq(S * np.outer(scale, scale), scale * right, rcond=1e-13)[0]
@@ -442,7 +512,8 @@ def _step(bundle: PeopleBundle, system: _System, prior: BundlePrior, damping: fl
         lenses,
         bundle.clocks_s + of_cameras[:, CLOCK],
         bundle.joints + y.reshape(bundle.joints.shape),
-        bundle.log_lengths + np.clip(x[cameras * CAMERA :], -0.5, 0.5).reshape(bundle.log_lengths.shape),
+        bundle.log_lengths + np.clip(x[cameras * CAMERA : -FLOOR], -0.5, 0.5).reshape(bundle.log_lengths.shape),
+        moved_floor(bundle.floor, x[-FLOOR:]),
     )
 
 
@@ -497,7 +568,7 @@ def _lasting_pulls(
     people who stay in one place do not.
 
     Args:
-        solved: (bodies, 36, g) influence of the cameras and bones on the joints, see `_reduced`.
+        solved: (bodies, 78, g) influence of the cameras and bones on the joints, see `_reduced`.
     """
     residual, J, by_joint = _linearised(views, bundle, prior)
     r2 = (residual**2).sum(axis=1) / (views.sd * sigma) ** 2
@@ -516,7 +587,7 @@ def _lasting_pulls(
 
 def _circumstances(views: KeypointViews, bundle: PeopleBundle) -> Int64:
     """Return (n, 4): the camera's direction from the person, in eighths of a turn, and the person's place."""
-    at = {name: USED.index(HALPE.index(name)) for name in ("LShoulder", "RShoulder", "LHip", "RHip")}
+    at = {name: HALPE.index(name) for name in ("LShoulder", "RShoulder", "LHip", "RHip")}
     shoulders, hips = (bundle.joints[:, [at["L" + name], at["R" + name]]] for name in ("Shoulder", "Hip"))
     left, right = (0.5 * (shoulders[:, k] + hips[:, k]) for k in range(2))
     across, upward = left - right, (shoulders - hips).sum(axis=1)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.keypoint_bundle import BONES, STATURES, USED
+from mocapella.calibration.keypoint_bundle import BONES, STATURES
 from mocapella.calibration.keypoint_pairs import CameraPair
 from mocapella.calibration.keypoint_tracks import JOINTS
 from mocapella.geometry.essential import triangulate_pair
@@ -89,7 +89,7 @@ def pair_scale(pair: CameraPair, a: Float64, b: Float64, passages: NDArray[np.in
             joints[~(depths > 0).all(axis=1)] = np.nan
             joints = joints.reshape(-1, JOINTS, 3)
             for one, other, which in BONES:
-                length = np.linalg.norm(joints[:, USED[one]] - joints[:, USED[other]], axis=-1)
+                length = np.linalg.norm(joints[:, one] - joints[:, other], axis=-1)
                 ratios.append(STATURES[which] * stature / length[np.isfinite(length) & (length > 0)])
     found = np.concatenate(ratios) if ratios else np.zeros(0)
     return float(np.median(found)) if len(found) else 1.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_bundle import STATURES
+from mocapella.calibration.keypoint_contact import CONTACTS, FEET, no_floor
 from mocapella.calibration.keypoint_tracks import HALPE
 from mocapella.geometry.rigid import rigid
 
@@ -21,8 +22,6 @@ Int64 = NDArray[np.int64]
 
 UPRIGHT_SD: Final = np.radians(5.0)
 """Standard deviation of the mean direction of people's bodies from the vertical [rad]."""
-FEET: Final = {"Ankle": 0.045, "Heel": 0.02, "BigToe": 0.015, "SmallToe": 0.015}
-"""Heights of the keypoints of a foot on the floor, in statures."""
 HEAD: Final = {"LEye": 0.936, "REye": 0.936, "LEar": 0.93, "REar": 0.93, "Nose": 0.912}
 """Heights of the keypoints of the head of a standing person, in statures (Drillis, Contini 1966; our estimates)."""
 RESTS_MPS: Final = 0.25
@@ -94,26 +93,55 @@ def _mean(points: Float64) -> Float64:
 
 
 def _resting(joints: Float64, person: Int64, at_s: Float64, up: Float64, stature: float) -> tuple[Float64, Float64]:
-    """Return (n, 3) keypoints of feet that rest, and (n,) their expected heights above the floor [m].
+    """Return (n, 3) keypoints of feet that rest, and (n,) their expected heights above the floor [m]."""
+    one, other, feet, rests = _rests(joints, person, at_s, up)
+    middle = 0.5 * (joints[one[:, None], feet] + joints[other[:, None], feet])
+    above = np.broadcast_to(stature * np.array(list(FEET.values())), rests.shape)
+    return middle[rests], above[rests]
 
-    Of each body only the lower foot counts, because a raised foot may rest, too.
+
+def _rests(joints: Float64, person: Int64, at_s: Float64, up: Float64) -> tuple[Int64, Int64, Int64, NDArray[np.bool_]]:
+    """Return neighbouring bodies of a person, (n,) the one and (n,) the other, the keypoints (n, 4) of the one's lower
+    foot, and (n, 4) whether these rest between both. A raised foot may rest, too, so only the lower one counts.
     """
     order = np.lexsort((at_s, person))
     one, other = order[:-1], order[1:]
     gap = at_s[other] - at_s[one]
     pair = (person[one] == person[other]) & (gap > 0) & (gap < 0.5)
     one, other, gap = one[pair], other[pair], gap[pair]
-    feet = [[HALPE.index(side + name) for name in FEET] for side in "LR"]
-    heights = np.stack([_mean(joints[one][:, of] @ up[:, None])[:, 0] for of in feet])
-    lower = np.where(np.isnan(heights), np.inf, heights).argmin(axis=0)
-    points, above = [np.zeros((0, 3))], [np.zeros(0)]
-    for k, height in enumerate(FEET.values()):
-        at = np.array(feet)[lower, k]
-        a, b = joints[one, at], joints[other, at]
-        rests = np.linalg.norm(b - a, axis=1) < RESTS_MPS * gap
-        points.append(0.5 * (a + b)[rests])
-        above.append(np.full(int(rests.sum()), height * stature))
-    return np.concatenate(points), np.concatenate(above)
+    sides = np.array([[HALPE.index(side + name) for name in FEET] for side in "LR"])
+    heights = np.stack([_mean(joints[one][:, of] @ up[:, None])[:, 0] for of in sides])
+    feet = sides[np.where(np.isnan(heights), np.inf, heights).argmin(axis=0)]
+    apart = np.linalg.norm(joints[other[:, None], feet] - joints[one[:, None], feet], axis=-1)
+    return one, other, feet, apart < RESTS_MPS * gap[:, None]
+
+
+def find_contacts(joints: Float64, person: Int64, at_s: Float64, stature: float) -> tuple[NDArray[np.bool_], Float64]:
+    """Find the keypoints of feet that rest on the floor, and the floor, as `keypoint_contact` uses them.
+
+    Args:
+        joints, person, at_s: as in `find_floor`.
+        stature: mean stature of the people [m].
+
+    Returns:
+        (bodies, 26) whether each keypoint rests, all False if there is no floor that is level for the people;
+        (7,) values of the floor.
+    """
+    resting, up = np.zeros(joints.shape[:2], dtype=bool), _upright(joints)
+    points, above = _resting(joints, person, at_s, up, stature)
+    if len(points) < _FEWEST:
+        return resting, no_floor()
+    normal, sd, height = _plane(points, above, up)
+    if sd >= UPRIGHT_SD:
+        return resting, no_floor()
+    one, other, feet, rests = _rests(joints, person, at_s, up)
+    for of in (one, other):
+        resting[np.broadcast_to(of[:, None], feet.shape)[rests], feet[rests]] = True
+    kinds = [np.median(joints[:, of][resting[:, of]] @ normal) if resting[:, of].any() else height for of in _KINDS]
+    return resting, np.concatenate([normal, kinds])
+
+
+_KINDS: Final = np.array(CONTACTS).reshape(-1, 2)
 
 
 def _plane(points: Float64, above: Float64, up: Float64) -> tuple[Float64, float, float]:

@@ -20,6 +20,8 @@ from mocapella.settings import check
 
 WALK: Final = "walk about: the cameras calibrate themselves"
 """Advice while there is no rig."""
+_EVERY_S: Final = 0.2
+"""Shortest interval between instants, so that early estimates are short [s]."""
 GONE_S: Final = 3.0
 """A camera without a frame for this long is not calibrated [s]."""
 
@@ -193,7 +195,7 @@ class LiveRigFromPeople:
         assert self._inputs is not None
         known = {} if self._old is None else {name: one.camera for name, one in self._old.cameras.items()}
         s = self.settings
-        settings = RigFromPeopleSettings(instants=s.instants, same_lenses=s.same_lenses)
+        settings = RigFromPeopleSettings(instants=s.instants, every_s=_EVERY_S, same_lenses=s.same_lenses)
         return solving_people(self._inputs, known, settings)
 
     def _use(self, solved: PeopleSolution) -> bool:

@@ -28,7 +28,6 @@ from mocapella.calibration.keypoint_bundle import (
     LENS,
     POSE,
     STATURES,
-    USED,
     AdjustedPeople,
     BundlePrior,
     KeypointViews,
@@ -41,6 +40,7 @@ from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, find
 from mocapella.calibration.keypoint_people import PersonPassage, join_people
 from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
 from mocapella.calibration.keypoint_tracks import HALPE, CameraTracks, PersonTrack, at_instants, velocities_at
+from mocapella.calibration.people_floor import find_contacts
 from mocapella.calibration.stepwise import Steps, result_of
 from mocapella.errors import CalibrationError
 from mocapella.geometry.lens import undistort
@@ -92,8 +92,8 @@ class RigFromPeopleSettings:
         SettingsError: a value is invalid; names it and the valid values.
     """
 
-    instants: int = 160
-    every_s: float = 0.2
+    instants: int = 300
+    every_s: float = 0.1
     passage_instants: int = 10
     clock_search_s: float = 0.0
     same_lenses: bool = False
@@ -366,7 +366,7 @@ def _solution(
         yield
         views, at_s = _views(data, sightings, clocks)
         yield
-        views, bundle = _bundle(views, T, lenses, before)
+        views, bundle = _bundle(views, at_s, (T, lenses), before)
         settling, prior = turn + 1 < _TURNS, _prior(data, start, clocks, lenses)
         adjusted = yield from adjusting_people(views, bundle, prior, rounds=1 if settling else 2)
         before = adjusted.bundle
@@ -425,13 +425,13 @@ def _again(data: _Data, found: PeopleSolution, *, same_lenses: bool) -> Steps[Pe
 def _views(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64) -> tuple[KeypointViews, Float64]:
     """Return the keypoints of all people at all instants, each joint seen by two cameras or more; and bodies' times."""
     sampled = [data.sampled(c, float(clocks[c])) for c in range(len(data.names))]
-    relative = np.array([_JOINT_SD.get(HALPE.joints[joint], 1.0) for joint in USED])
+    relative = np.array([_JOINT_SD.get(name, 1.0) for name in HALPE.joints])
     rows: list[tuple[Int64, Int64, Int64, Float64, Float64, Float64]] = []
     persons, clusters, times = list[int](), list[int](), list[float]()
     for number, sighting in enumerate(sightings):
         for k in np.flatnonzero(data.passages == sighting.passage):
             body = len(persons)
-            pixels = np.stack([sampled[c].pixels[t, k, USED] for c, t in sighting.tracks.items()])
+            pixels = np.stack([sampled[c].pixels[t, k] for c, t in sighting.tracks.items()])
             seen = np.isfinite(pixels).all(axis=-1)
             seen &= seen.sum(axis=0) >= 2
             for n, (c, t) in enumerate(sighting.tracks.items()):
@@ -440,7 +440,7 @@ def _views(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64) -> 
                     continue
                 count = len(joints)
                 sd = relative[joints] * sampled[c].sizes_px[t, k] / _SIZE_PX
-                velocities = sampled[c].velocities[t, k, USED][joints]
+                velocities = sampled[c].velocities[t, k, joints]
                 rows.append((np.full(count, c), np.full(count, body), joints, pixels[n, joints], velocities, sd))
             persons.append(sighting.person)
             clusters.append(number)
@@ -457,9 +457,10 @@ def _views(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64) -> 
 
 
 def _bundle(
-    views: KeypointViews, T: Float64, lenses: Float64, before: PeopleBundle | None
+    views: KeypointViews, at_s: Float64, placed: tuple[Float64, Float64], before: PeopleBundle | None
 ) -> tuple[KeypointViews, PeopleBundle]:
-    """Triangulate all joints, and leave out keypoints that lie behind a camera or far off."""
+    """Triangulate all joints, leave out keypoints that lie behind a camera or far off, and find feet that rest."""
+    T, lenses = placed
     cameras, bodies = len(lenses), len(views.person)
     rays = np.full((bodies, JOINTS, cameras, 3), np.nan)
     for c in range(cameras):
@@ -483,7 +484,10 @@ def _bundle(
     lengths = np.tile(typical, (people, 1))
     if before is not None and before.log_lengths.shape == lengths.shape:
         lengths = before.log_lengths
-    return views, PeopleBundle(T, lenses, np.zeros(cameras), np.nan_to_num(joints), lengths)
+    joints = np.where((count >= 2)[..., None], joints, np.nan)
+    resting, floor = find_contacts(joints, views.person, at_s, STATURE_M)
+    views = replace(views, resting=resting)
+    return views, PeopleBundle(T, lenses, np.zeros(cameras), np.nan_to_num(joints), lengths, floor)
 
 
 def _prior(data: _Data, start: _Start, clocks: Float64, lenses: Float64) -> BundlePrior:

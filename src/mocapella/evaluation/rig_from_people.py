@@ -88,7 +88,7 @@ def run_scene(scene: str, seed: int, *, lenses: bool, same_lenses: bool = False,
 
 def run_frames(
     frames: Sequence[KeypointFrame], true: CameraRig, name: str, *, seed: int = 0, lenses: bool = True,
-    same_lenses: bool = False, stature_m: float = float("nan"), every_s: float = 0.2,
+    same_lenses: bool = False, stature_m: float = float("nan"), every_s: float = 0.1,
 ) -> RigErrorRow:  # fmt: skip
     """Calibrate the cameras of keypoint frames, and compare with the true rig.
 
