@@ -10,10 +10,11 @@ from mocapella.evaluation.silhouette_seated import (
     SEATED_SCENES,
     SeatedRun,
     follow_seated,
+    turned_rig,
     visible_share,
 )
 from mocapella.sources.simulate.later_things import SURROUNDINGS
-from mocapella.sources.simulate.silhouette_scene import SEATED, silhouette_scene
+from mocapella.sources.simulate.silhouette_scene import silhouette_scene
 
 MARKS = ("left knee", "right knee", "left ankle")
 
@@ -48,7 +49,7 @@ def test_joints_that_no_image_shows_must_be_doubted():
 
 def test_what_a_screen_hides_is_not_visible():
     scenes = {
-        name: silhouette_scene(SEATED, seed=110, size_px=(322, 243), seconds=0.1, surroundings=name)
+        name: silhouette_scene("sits", seed=110, size_px=(322, 243), seconds=0.1, surroundings=name)
         for name in ("chair", "screen", "table")
     }
     shown = {name: dict(zip(one.mesh.landmarks, visible_share(one, 0), strict=True)) for name, one in scenes.items()}
@@ -64,6 +65,16 @@ def test_joints_and_scenes_that_do_not_exist_are_refused():
         run([[0.0, 0.0, 0.0]], [[True] * 3]).score("kne")
     with pytest.raises(SettingsError, match=r"'tabel'.*table"):
         follow_seated("tabel", 0)
+
+
+def test_cameras_of_a_turned_rig_stay_where_they_are_and_look_elsewhere():
+    rig = silhouette_scene("sits", seed=3, size_px=(64, 48), fps=10, seconds=0.3).rig
+    turned = turned_rig(rig, 0.01, seed=3)
+    for name, was in rig.cameras.items():
+        before, after = (np.linalg.inv(one.T_camera_world) for one in (was, turned.cameras[name]))
+        assert np.allclose(before[:3, 3], after[:3, 3])
+        assert 0 < np.linalg.norm(before[:3, :3] - after[:3, :3]) < 0.1
+        assert np.allclose(turned_rig(rig, 0.0, seed=3).cameras[name].T_camera_world, was.T_camera_world)
 
 
 def test_all_surroundings_are_scored():

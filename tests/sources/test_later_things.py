@@ -8,7 +8,7 @@ from mocapella.model.body_meshes import body_mesh
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.sources.simulate.body_motion import body_motion
 from mocapella.sources.simulate.later_things import SURROUNDINGS, boxes, seated_things
-from mocapella.sources.simulate.silhouette_scene import silhouette_scene
+from mocapella.sources.simulate.silhouette_scene import loosely_dressed, silhouette_scene
 
 MESH = body_mesh("male", 1.78)
 MOTION = body_motion("sits", MESH, 2.0)
@@ -87,3 +87,49 @@ def test_a_dark_room_is_dark_and_the_person_is_not():
 
 def test_scenes_of_other_motions_have_no_things():
     assert silhouette_scene("walk", size_px=(64, 48), fps=10, seconds=0.3).things == ()
+
+
+def test_a_desk_hides_less_of_the_legs_than_a_table_with_a_cloth():
+    hidden = {}
+    for name in ("chair", "desk", "table"):
+        scene = silhouette_scene("sits", seed=3, size_px=(160, 120), fps=10, seconds=0.3, surroundings=name)
+        hidden[name] = sum(int((one.people == 0).sum()) for one in scene.covered(0))
+    assert hidden["table"] < hidden["desk"] < hidden["chair"]
+
+
+def test_a_stool_has_no_back():
+    chair, stool = (seated_things(MESH, MOTION, name)[0].vertices(0.0) for name in ("chair", "stool"))
+    assert stool[:, 1].max() < chair[:, 1].max() - 0.3
+
+
+def test_who_shifts_moves_once_and_stays_on_the_seat():
+    motion = body_motion("shifts", MESH, 2.0, seed=3)
+    at = [landmarks_at(MESH, motion.pose(second)) for second in (0.0, 0.5, 1.5, 2.0)]
+    assert np.abs(at[1] - at[0]).max() < 0.005
+    assert np.abs(at[3] - at[2]).max() < 0.005
+    assert 0.05 < np.linalg.norm(at[2] - at[1], axis=1).max() < 0.6
+    hip = list(MESH.landmarks).index("left hip")
+    assert np.linalg.norm(at[2][hip] - at[1][hip]) < 0.15
+
+
+def test_cameras_on_an_arc_stand_on_one_side():
+    middles = []
+    for arc in (360.0, 120.0):
+        rig = silhouette_scene("sits", seed=3, size_px=(64, 48), fps=10, seconds=0.3, arc_deg=arc).rig
+        eyes = np.array([np.linalg.inv(placed.T_camera_world)[:3, 3] for placed in rig.cameras.values()])
+        middles.append(np.linalg.norm(eyes[:, [0, 2]].mean(axis=0)))
+    assert middles[0] < 1.5 < middles[1]
+    with pytest.raises(SettingsError, match="arc_deg"):
+        silhouette_scene("sits", size_px=(64, 48), fps=10, seconds=0.3, arc_deg=20.0)
+
+
+def test_loose_trousers_are_wider_at_the_legs_alone():
+    loose = loosely_dressed(MESH, 0.04)
+    moved = np.linalg.norm(loose.vertices - MESH.vertices, axis=1)
+    legs = np.isin(MESH.bones[:, 0], [k for k, n in enumerate(MESH.part_names) if n.endswith(("thigh", "shank"))])
+    assert moved[~legs].max() == 0.0
+    assert 0.019 < moved[legs].min() <= moved[legs].max() < 0.041
+    assert np.abs(loose.vertices[legs, 0]).max() > np.abs(MESH.vertices[legs, 0]).max()
+    assert loosely_dressed(MESH, 0.0) is MESH
+    with pytest.raises(SettingsError, match="loose_m"):
+        silhouette_scene("sits", size_px=(64, 48), fps=10, seconds=0.3, loose_m=0.2)

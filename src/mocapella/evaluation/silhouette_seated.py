@@ -20,13 +20,15 @@ from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.keypoints_of_scenes import drawn_keypoints
 from mocapella.evaluation.silhouette_runs import alone, measured_body, rough_joints, seen_at
+from mocapella.geometry.twists import exp_twist
 from mocapella.kinematics.silhouette_fit import eye
 from mocapella.kinematics.silhouette_fit import seen_at as pixels_of
+from mocapella.model.camera import CameraRig
 from mocapella.model.rigged_mesh import posed
 from mocapella.recording.bodies_file import ALONE
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
-from mocapella.sources.simulate.silhouette_scene import SEATED, CameraLook, SilhouetteScene, silhouette_scene
+from mocapella.sources.simulate.silhouette_scene import CameraLook, SilhouetteScene, silhouette_scene
 from mocapella.tracker.image_arrivals import arrivals_of
 from mocapella.tracker.limb_support import NEAR_M, LimbSupport
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -56,12 +58,24 @@ class SeatedScene:
         look: exposure and noise of the cameras.
         corruption: corruption of the images; None for none.
         interlaced: whether every second row is of the image before.
+        motion: one of `silhouette_scene.SEATED`.
+        outfit: name of the clothes; None for dark trousers.
+        arc_deg: arc about the person along which the cameras stand [deg].
+        start_sd_m: standard deviation of the start's joints, along each axis [m].
+        loose_m: distance of the trousers from the legs, which the tracked body does not have [m].
+        rig_sd_rad: standard deviation of the rotation errors of the tracker's cameras, about each axis [rad].
     """
 
     surroundings: str = "chair"
     look: CameraLook = field(default_factory=CameraLook)
     corruption: Corruption | None = None
     interlaced: bool = False
+    motion: str = "sits"
+    outfit: str | None = None
+    arc_deg: float = 360.0
+    start_sd_m: float = START_SD_M
+    loose_m: float = 0.0
+    rig_sd_rad: float = 0.0
 
 
 SEATED_SCENES: Final[Mapping[str, SeatedScene]] = {
@@ -69,6 +83,16 @@ SEATED_SCENES: Final[Mapping[str, SeatedScene]] = {
     "light": SeatedScene(look=CameraLook(drift=0.2, flicker=0.01)),
     "interlaced": SeatedScene(interlaced=True),
     "compressed": SeatedScene(corruption=Corruption(blocks=30.0)),
+    **{name: SeatedScene(name) for name in ("desk", "armchair", "stool")},
+    "arc": SeatedScene(arc_deg=150.0),
+    "black": SeatedScene(outfit="black"),
+    "rough": SeatedScene(start_sd_m=0.03),
+    "loose": SeatedScene(loose_m=0.03),
+    "rig": SeatedScene(rig_sd_rad=0.003),
+    "clip": SeatedScene(loose_m=0.025, rig_sd_rad=0.002, start_sd_m=0.025),
+    "clip-desk": SeatedScene("desk", loose_m=0.025, rig_sd_rad=0.002, start_sd_m=0.025),
+    "shifts": SeatedScene(motion="shifts"),
+    "shifts-desk": SeatedScene("desk", motion="shifts"),
 }
 """Scenes by name. All have a chair, a bag and a mask, which came after the empty room was filmed, and their shadows."""
 
@@ -158,12 +182,12 @@ def follow_seated(
         raise SettingsError(f"no scene {name!r}; known: {one_of(name, SEATED_SCENES)}")
     hard = SEATED_SCENES[name]
     scene = silhouette_scene(
-        SEATED, seed=seed, size_px=size_px, fps=fps, seconds=seconds, look=hard.look, corruption=hard.corruption,
-        surroundings=hard.surroundings,
+        hard.motion, seed=seed, size_px=size_px, fps=fps, seconds=seconds, look=hard.look, corruption=hard.corruption,
+        surroundings=hard.surroundings, outfit=hard.outfit, arc_deg=hard.arc_deg, loose_m=hard.loose_m,
     )  # fmt: skip
-    joints, cameras = rough_joints(scene, START_SD_M), list(scene.rig.cameras)
+    joints, cameras = rough_joints(scene, hard.start_sd_m), list(scene.rig.cameras)
     mesh, between_ns = measured_body(scene, joints), round(NS_PER_S / fps)
-    tracker = alone(mesh, joints, scene.rig, settings, period_s=1.0 / fps)
+    tracker = alone(mesh, joints, turned_rig(scene.rig, hard.rig_sd_rad, seed), settings, period_s=1.0 / fps)
     for k in range(EMPTY_IMAGES):
         empty = dict(zip(cameras, scene.background(k), strict=True))
         for arrival in arrivals_of(empty, 0, cameras=scene.rig.cameras, empty_room=True):
@@ -186,6 +210,15 @@ def follow_seated(
         left_out += len(fit.left_out)
     overlap = float(np.mean(overlaps)) if overlaps else float("nan")
     return SeatedRun(tuple(mesh.landmarks), np.array(errors), np.array(supported), np.array(visible), overlap, left_out)
+
+
+def turned_rig(rig: CameraRig, sd_rad: float, seed: int) -> CameraRig:
+    """Return a rig whose cameras are rotated by random errors about their own centres, of ``sd_rad`` an axis [rad]."""
+    rng, placed = np.random.default_rng([seed, 62]), {}
+    for name, one in rig.cameras.items():
+        error = exp_twist(np.concatenate([np.zeros(3), sd_rad * rng.standard_normal(3)]))
+        placed[name] = msgspec.structs.replace(one, T_camera_world=error @ one.T_camera_world)
+    return CameraRig(placed)
 
 
 def visible_share(scene: SilhouetteScene, k: int) -> Float64:

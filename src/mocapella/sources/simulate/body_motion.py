@@ -345,6 +345,22 @@ def _sits(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
     return _cycle([(0.0, {**still, "lean": 0.0}), (0.5, sways)], period, seconds), False
 
 
+def _shifts(seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
+    """Sit still, shift once in the middle of the time, and sit still again."""
+    still: dict[str, float] = {
+        "hip": rng.uniform(82.0, 90.0), "open": rng.uniform(4.0, 12.0), "knee": rng.uniform(80.0, 92.0),
+        "bend": rng.uniform(2.0, 7.0), "elbow": 62.0, "lean": 0.0, **_forwards(32.0),
+    }  # fmt: skip
+    side, bends, turns = ("left", "right")[rng.integers(2)], rng.uniform(14.0, 30.0), rng.uniform(-10.0, 10.0)
+    after = {
+        f"{side} knee": still["knee"] - bends, f"{side} open": still["open"] + rng.uniform(4.0, 12.0),
+        "bend": still["bend"] + rng.uniform(4.0, 10.0), "lean": rng.uniform(-6.0, 6.0), "yaw": turns, "elbow": 75.0,
+    }  # fmt: skip
+    begins, ends = 0.5 * seconds - 0.3, 0.5 * seconds + 0.3
+    # Its net travel is not spread over the time at rest.
+    return [(-1.0, still), (begins, {}), (ends, after), (seconds + 1.0, {})], True
+
+
 def _cartwheel(_seconds: float, rng: np.random.Generator) -> tuple[list[Key], bool]:
     slow, wide = rng.uniform(0.95, 1.15), rng.uniform(26.0, 31.0)
     stand: Mapping[str, float] = {"raise": -36.0, "open": 4.0, "elbow": 6.0, "roll": 0.0, "lean": 0.0, "knee": 2.0,
@@ -400,4 +416,5 @@ _MOTIONS: Final[dict[str, tuple[Callable[[float, np.random.Generator], tuple[lis
     "cartwheel": (_cartwheel, 3.6),
     "flick-flack": (_flick_flack, 3.6),
     "sits": (_sits, 4.0),
+    "shifts": (_shifts, 4.0),
 }

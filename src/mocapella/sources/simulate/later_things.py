@@ -32,13 +32,16 @@ _SEAT_M: Final = 0.46
 _BEHIND_M: Final = 0.14
 """Distance of the seat's back edge behind the hips."""
 _THICK_M: Final = 0.05
+_STOOL_M: Final = 0.34
+"""Width and depth of a stool's seat, and of its foot."""
 _BACK_M: Final = 0.42
 """Height of the chair's back above the seat."""
 _BAG_M: Final = (0.16, 0.3, 0.34)
 _CORNERS: Final = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-SURROUNDINGS: Final = ("chair", "table", "screen", "dark", "later", "skirt")
+SURROUNDINGS: Final = ("chair", "table", "screen", "dark", "later", "skirt", "desk", "armchair", "stool")
 """What is about a seated person, beside the chair: nothing; a table whose cloth hides the legs; a screen about them;
-nothing in a room as dark as the trousers; things that come during the motion; a skirt."""
+nothing in a room as dark as the trousers; things that come during the motion; a skirt; a table without a cloth before
+the legs; arm rests; nothing, and the chair is a stool on one column, without a back."""
 _SIDES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 """Corners of a box's faces −x +x −y +y −z +z, counter-clockwise as seen from outside."""
 
@@ -132,17 +135,35 @@ def seated_things(mesh: RiggedMesh, motion: BodyMotion, surroundings: str = "cha
     seat = floor + (half - behind) * ahead + (top - thick) * up
     back = floor - (behind + thick) * ahead + (top + 0.5 * _BACK_M) * up
     parts = [(seat, np.array([half, thick, half])), (back, np.array([half, 0.5 * _BACK_M + _THICK_M, thick]))]
+    low = 0.5 * (top - _THICK_M)
     for x in (-1.0, 1.0):
         for z in (-1.0, 1.0):
             foot = seat + (half - thick) * (x * aside + z * ahead)
-            low = 0.5 * (top - _THICK_M)
             parts.append((foot * [1.0, 0.0, 1.0] + low * up, np.array([thick, low, thick])))
+    if surroundings == "stool":
+        parts = _stool(floor, top - _THICK_M, up)
     bag_half = 0.5 * np.array(_BAG_M)
     beside = ankles * [1.0, 0.0, 1.0] - 0.42 * aside + bag_half[1] * up
     things = [(boxes("chair", parts, yaw), _DARK), (boxes("bag", [(beside, bag_half)], yaw + 0.3), _DARK)]
     found = [LaterThing(one, plain_clothes(one, cloth)) for one, cloth in things]
     seat_of = _Seat(np.stack([aside, up, ahead]), yaw, hips, knees, ankles, float(knees[1] + 0.12), half)
     return (*found, *_mask(mesh, motion), *_MORE[surroundings](seat_of))
+
+
+def _stool(under: Float64, seat_m: float, up: Float64) -> list[tuple[Float64, Float64]]:
+    """Return the boxes of a stool: a small seat, a column and a flat foot.
+
+    Args:
+        under: (3,) place on the floor below its middle, world [m].
+        seat_m: height of the seat's lower side [m].
+        up: (3,) unit vector upwards.
+    """
+    half, thick = 0.5 * _STOOL_M, 0.5 * _THICK_M
+    return [
+        (under + (seat_m + thick) * up, np.array([half, thick, half])),
+        (under + 0.5 * seat_m * up, np.array([2 * thick, 0.5 * seat_m, 2 * thick])),
+        (under + thick * up, np.array([half, thick, half])),
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +241,27 @@ def _skirt(at: _Seat) -> tuple[LaterThing, ...]:
     )
 
 
+def _desk(at: _Seat) -> tuple[LaterThing, ...]:
+    """A table before the person, whose top and legs cross the person's legs in the images."""
+    near, far, wide, leg, top = 0.22, at.knees_m + 0.35, 0.5, 0.05, at.lap_m + 0.04
+    legs = [at.box((x, x + leg), (0.0, top), (z, z + leg)) for x in (-wide, wide - leg) for z in (near, far - leg)]
+    return (at.box((-wide, wide), (top, top + 0.03), (near, far)), *legs)
+
+
+def _armchair(at: _Seat) -> tuple[LaterThing, ...]:
+    """Two arm rests on posts, beside the thighs and the forearms."""
+    seat, rest, wide = at.lap_m - 0.15, at.lap_m + 0.1, 0.05
+    found: list[LaterThing] = []
+    for inner in (at.half_m, -at.half_m - wide):
+        across = (inner, inner + wide)
+        found.append(at.box(across, (rest, rest + 0.04), (-0.1, 0.28)))
+        found += [at.box(across, (seat - 0.1, rest), (z, z + 0.05)) for z in (-0.1, 0.23)]
+    return tuple(found)
+
+
 _MORE: Final[dict[str, Callable[[_Seat], tuple[LaterThing, ...]]]] = {
     "chair": lambda _: (), "table": _table, "screen": _screen, "dark": lambda _: (), "later": _later, "skirt": _skirt,
+    "desk": _desk, "armchair": _armchair, "stool": lambda _: (),
 }  # fmt: skip
 
 

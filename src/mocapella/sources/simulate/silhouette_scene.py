@@ -17,6 +17,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,8 +54,8 @@ _HEIGHT_M: Final[dict[Sex, tuple[float, float]]] = {"male": (1.77, 0.06), "femal
 _DARK_SHARE: Final = 0.06
 """Reflected light of a dark room, relative to other rooms: its walls are like black cloth."""
 _TABLE: Final = 1 << 17
-SEATED: Final = "sits"
-"""Motion of people who sit on chairs that are not in the empty room, with bags and masks."""
+SEATED: Final = ("sits", "shifts")
+"""Motions of people who sit on chairs that are not in the empty room, with bags and masks."""
 DARK: Final = "print"
 """Outfit of seated people unless another is named: dark trousers."""
 
@@ -226,7 +227,8 @@ class SilhouetteScene:
 def silhouette_scene(
     name: str, *, seed: int = 0, cameras: int = 4, size_px: tuple[int, int] = (640, 480), seconds: float | None = None,
     fps: float = 60.0, outfit: str | None = None, people: int = 1, sex: Sex | None = None,
-    height_m: float | None = None, surroundings: str | None = None,
+    height_m: float | None = None, surroundings: str | None = None, arc_deg: float = 360.0,
+    loose_m: float = 0.0,
     look: CameraLook | None = None, corruption: Corruption | None = None, bvh: Path | str | None = None,
 ) -> SilhouetteScene:  # fmt: skip
     """Make a scene of `scene_names`.
@@ -241,8 +243,10 @@ def silhouette_scene(
         outfit: one of `outfits.outfit_names`; None for a random one. ``background`` has the colours of the room.
         people: number of people, next to each other.
         sex, height_m: sex and height [m] of the first person; None for random ones. Random heights are 1.5 to 1.98 m.
-        surroundings: things about the people of the motion `SEATED`, one of `later_things.SURROUNDINGS`; None for a
+        surroundings: things about the people of the motions `SEATED`, one of `later_things.SURROUNDINGS`; None for a
             chair, a bag and a mask alone.
+        arc_deg: arc about the people along which the cameras stand, 360 for a whole ring [deg].
+        loose_m: distance of the first person's trousers from the legs, larger towards the ankles [m].
         look: exposure and noise of the cameras; None for the defaults.
         corruption: corruption of the images; None for none.
         bvh: a BVH file whose motion replaces the motion ``walk``; None for none.
@@ -253,11 +257,16 @@ def silhouette_scene(
     """
     check(1 <= cameras <= 32, "cameras", cameras, "from 1 to 32")
     check(1 <= people <= 4, "people", people, "from 1 to 4")
+    check(0 <= loose_m <= 0.1, "loose_m", loose_m, "from 0 to 0.1 m")
+    check(30 <= arc_deg <= 360, "arc_deg", arc_deg, "from 30 to 360°")
     check(1 <= fps <= 1000, "fps", fps, "from 1 to 1000 Hz")
     check(all(16 <= side <= 8192 for side in size_px), "size_px", size_px, "16 to 8192 each")
     check(bvh is None or name == "walk", "bvh", bvh, "given with the motion walk only")
     check(seed >= 0, "seed", seed, "0 or more")
-    check(surroundings is None or name == SEATED, "surroundings", surroundings, f"given with the motion {SEATED} only")
+    check(
+        surroundings is None or name in SEATED, "surroundings", surroundings,
+        f"given with the motions {', '.join(SEATED)} only",
+    )  # fmt: skip
     usual_seconds(name)  # refuses an unknown motion early
     rng = np.random.default_rng([seed, 51])
     meshes, motions = [], []
@@ -265,14 +274,15 @@ def silhouette_scene(
         meshes.append(body_mesh(*(_somebody(rng, sex, height_m) if person == 0 else _somebody(rng))))
         motion = _motion(name, meshes[-1], seconds, seed + 100 * person, bvh)
         motions.append(_moved(motion, rng.uniform(0, 2 * math.pi), _APART_M * (person - 0.5 * (people - 1))))
+    meshes[0] = loosely_dressed(meshes[0], loose_m)
     lasts = min(motion.seconds for motion in motions)
     times = np.arange(max(math.floor(lasts * fps + 1e-9), 1)) / fps
-    rig = _ring(cameras, size_px, meshes, motions, times, rng=rng)
+    rig = _ring(cameras, size_px, meshes, motions, times, arc=math.radians(arc_deg), rng=rng)
     eyes = [inverse(placed.T_camera_world)[:3, 3] for placed in rig.cameras.values()]
     backdrop = make_backdrop(seed, max(4.9, float(np.abs(eyes).max()) + _BEHIND_M))
     colours = _room_colours(backdrop)
     worn, things = outfit, list[LaterThing]()
-    if name == SEATED:
+    if name in SEATED:
         worn = DARK if outfit is None else outfit
         about = surroundings or "chair"
         things = [
@@ -284,6 +294,27 @@ def silhouette_scene(
         name, seed, meshes=meshes, outfits=outfits, motions=motions, backdrop=backdrop, rig=rig, times_s=times,
         look=look or CameraLook(), corruption=corruption, things=things,
     )  # fmt: skip
+
+
+def loosely_dressed(mesh: RiggedMesh, loose_m: float) -> RiggedMesh:
+    """Return a body's mesh whose thighs and shanks are wider, as in loose trousers; the joints stay.
+
+    Args:
+        mesh: the body.
+        loose_m: distance of the cloth from the skin at the ankles; half of it at the hips [m].
+    """
+    legs = [k for k, name in enumerate(mesh.part_names) if name.endswith(("thigh", "shank"))]
+    if loose_m == 0 or not legs:
+        return mesh
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    normals = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], np.cross(b - a, c - a))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    hip, ankle = (mesh.landmarks[f"left {name}"].point[1] for name in ("hip", "ankle"))
+    down = np.clip((hip - mesh.vertices[:, 1]) / (hip - ankle), 0.0, 1.0)
+    wide = np.isin(mesh.bones[:, 0], legs) * loose_m * (0.5 + 0.5 * down)
+    return msgspec.structs.replace(mesh, vertices=mesh.vertices + wide[:, None] * normals)
 
 
 def scene_names() -> tuple[str, ...]:
@@ -328,9 +359,9 @@ def _moved(motion: BodyMotion, turn: float, aside_m: float) -> BodyMotion:
 
 def _ring(
     count: int, size_px: tuple[int, int], meshes: Sequence[RiggedMesh], motions: Sequence[BodyMotion], times: Float64,
-    *, rng: np.random.Generator,
+    *, arc: float, rng: np.random.Generator,
 ) -> CameraRig:  # fmt: skip
-    """Make a ring of cameras with the longest focal lengths at which all people stay in all images."""
+    """Make an arc [rad] of cameras with the longest focal lengths at which all people stay in all images."""
     some = times[:: max(len(times) // 40, 1)]
     points = np.concatenate(
         [posed(mesh, motion.pose(some))[:, ::7].reshape(-1, 3) for mesh, motion in zip(meshes, motions, strict=True)]
@@ -341,7 +372,7 @@ def _ring(
     first = rng.uniform(0, 2 * math.pi)
     placed = {}
     for k in range(count):
-        around = first + 2 * math.pi * (k + rng.uniform(-0.18, 0.18)) / count
+        around = first + arc * (k + rng.uniform(-0.18, 0.18)) / count
         far, up = max(rng.uniform(4.1, 4.7), rng.uniform(3.2, 3.5) + reach), rng.uniform(0.9, 2.2)
         position = np.array([middle[0] + far * math.sin(around), up, middle[2] + far * math.cos(around)])
         radial = rng.uniform(-0.14, -0.04)
