@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from mocapella.detectors.onnx_pose import missing
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.keypoints import NO_ID
 from mocapella.model.topology import topology
+from mocapella.sensing.simcc import decode_simcc
 
 FILE = Path("pose.onnx")
 IMAGE = ("image", "tensor(float)", ("batch", 3, 256, 192))
@@ -50,7 +52,7 @@ def test_the_number_of_keypoints_tells_the_topology(count: int, name: str) -> No
         ([("image", "tensor(float)", (1, 1, 256, 192))], SIMCC, "not one colour image"),
         ([("image", "tensor(uint8)", (1, 3, 256, 192))], SIMCC, r"tensor\(uint8\)"),
         ([("image", "tensor(float)", (1, 3, "h", "w"))], SIMCC, "fixed size"),
-        ([IMAGE], SIMCC[:1], "gives 1 outputs"),
+        ([IMAGE], (*SIMCC, *SIMCC), "gives 4 outputs"),
         ([IMAGE], (("heatmaps", (1, 17, 64, 48)), ("tags", (1, 17, 64, 48))), "another kind"),
         ([IMAGE], (("simcc_x", (1, 17, 384)), ("simcc_y", (1, 18, 512))), "another kind"),
         ([IMAGE], (("simcc_x", (1, 5, 384)), ("simcc_y", (1, 5, 512))), "17, 26, 133"),
@@ -75,6 +77,54 @@ def test_sizes_that_a_file_does_not_state_are_those_of_a_black_image() -> None:
     heat = (("heatmaps", ("batch", "joints", "h", "w")), ("tags", ("batch", 17, "h", "w")))
     with pytest.raises(InputError, match="another kind"):
         network_of(FILE, [IMAGE], heat, lambda values: [np.zeros((1, 17, 64, 48))] * 2)
+
+
+def zeros(shape: tuple[int, ...], values: Any) -> Sequence[Any]:
+    return [np.zeros(shape)]
+
+
+def test_networks_with_one_output_are_recognised_and_decoded() -> None:
+    """Heatmaps of one person, and the people of YOLO pose networks in both layouts."""
+    maps = np.zeros((1, 17, 64, 48), np.float32)
+    maps[0, np.arange(17), np.arange(17), 2 * np.arange(17)] = 0.8
+    network = network_of(FILE, [IMAGE], [("output", ("batch", "joints", "h", "w"))], lambda values: [maps])
+    x, y = network.run(np.zeros((1, 3, 256, 192), np.float32))
+    found = decode_simcc(x[0], y[0], network.size_px)
+    np.testing.assert_allclose(found.points_px, 4.0 * np.stack([2 * np.arange(17), np.arange(17)], axis=1))
+    assert (found.confidences == np.float32(0.8)).all()
+    row = np.concatenate([[50.0, 60.0, 20.0, 40.0, 0.9], np.tile([40.0, 50.0, 0.7], 17)]).astype(np.float32)
+    people = np.zeros((1, 56, 7), np.float32)
+    people[0, :, 3] = row
+    square = [("images", "tensor(float)", (1, 3, 160, 160))]
+    for output in (people, np.swapaxes(people, 1, 2)):
+        seen: list[np.ndarray] = []
+
+        def run(values: np.ndarray, output: np.ndarray = output, seen: list[np.ndarray] = seen) -> Sequence[Any]:
+            seen.append(values)
+            return [output]
+
+        finds = people_of(network_of(FILE, square, [("output0", output.shape)], run), OnnxSettings())
+        image = np.zeros((160, 160, 3), np.uint8)
+        image[..., 0] = 255  # blue
+        got = finds.update(image, 0.0)
+        np.testing.assert_allclose(got.positions_px, np.tile([[[40.0, 50.0]]], (1, 17, 1)), atol=1e-4)
+        assert [float(seen[-1][0, k].max()) for k in range(3)] == [0.0, 0.0, 1.0]  # red, green, blue
+    for shape in ((1, 17, 6), (1, 57, 7), (1, 5)):
+        with pytest.raises(InputError, match=r"pose\.onnx"):
+            network_of(FILE, square, [("output0", shape)], partial(zeros, shape))
+
+
+def test_networks_of_half_precision_get_and_give_it() -> None:
+    seen: list[np.dtype[Any]] = []
+
+    def run(values: np.ndarray) -> Sequence[Any]:
+        seen.append(values.dtype)
+        return [np.zeros((1, 17, 384), np.float16), np.zeros((1, 17, 512), np.float16)]
+
+    half = ("image", "tensor(float16)", ("batch", 3, 256, 192))
+    network = network_of(FILE, [half], SIMCC, run)
+    assert [one.dtype for one in network.run(np.zeros((1, 3, 256, 192), np.float32))] == [np.float32, np.float32]
+    assert seen == [np.float16]
 
 
 def squares(image: np.ndarray) -> Sequence[Any]:
@@ -179,6 +229,13 @@ def test_files_of_models_are_opened_and_others_refused(tmp_path: Path) -> None:
     (tmp_path / "grey.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, channels=1))
     (tmp_path / "free.onnx").write_bytes(model((160, 160), {"dets": boxes, "keypoints": points}, fixed=False))
     (tmp_path / "bad.onnx").write_bytes(b"no model")
+    heat = {"heatmaps": np.zeros((1, 26, 40, 40), np.float32)}
+    yolo = {"output0": np.zeros((1, 56, 9), np.float32)}
+    for name, outputs, kind in (("heat", heat, "halpe_26"), ("yolo", yolo, "coco_17")):
+        (tmp_path / f"{name}.onnx").write_bytes(model((160, 160), outputs, free=True))
+        one = make_keypoint_detector("onnx", None, tmp_path / f"{name}.onnx")
+        assert one.topology is topology(kind)
+        assert len(one.update(np.zeros((160, 160, 3), np.uint8), 0.0).ids) == 0
     for name, fault in (("grey", "colour"), ("free", "fixed size"), ("bad", "is no ONNX model")):
         with pytest.raises(InputError, match=rf"{name}\.onnx.*{fault}"):
             make_keypoint_detector("onnx", None, tmp_path / f"{name}.onnx")

@@ -6,7 +6,7 @@ prediction. One-stage networks (Lu et al., RTMO, CVPR 2024) see the whole image.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -31,7 +31,12 @@ Run = Callable[[Float32], Sequence[Any]]
 
 TOPOLOGIES: Final = {17: "coco_17", 26: "halpe_26", 133: "coco_wholebody_133", 136: "halpe_136"}
 """Topology by number of keypoints."""
-FITS: Final = "an RTMPose (outputs simcc_x, simcc_y) or RTMO (outputs dets, keypoints) export of MMDeploy"
+FITS: Final = (
+    "an RTMPose (outputs simcc_x, simcc_y) or RTMO (outputs dets, keypoints) export of MMDeploy, "
+    "heatmaps of one person, or a YOLO pose network"
+)
+FLOATS: Final[Mapping[str, type[np.floating[Any]]]] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+"""Types of numbers that networks take."""
 MEAN: Final = np.array([123.675, 116.28, 103.53], np.float32)
 SD: Final = np.array([58.395, 57.12, 57.375], np.float32)
 """Mean and standard deviation of ImageNet's red, green and blue, which the family's networks expect."""
@@ -139,13 +144,20 @@ def network_of(
 
     if len(inputs) != 1 or len(inputs[0][2]) != 4 or inputs[0][2][1] != 3:
         raise refuse(f"takes {', '.join(f'{name} {list(shape)}' for name, _, shape in inputs)}, not one colour image")
-    if inputs[0][1] != "tensor(float)":
-        raise refuse(f"takes {inputs[0][1]}, not tensor(float)")
+    if inputs[0][1] not in FLOATS:
+        raise refuse(f"takes {inputs[0][1]}, not {' or '.join(FLOATS)}")
+    run = _as_float32(run, FLOATS[inputs[0][1]])
     height, width = inputs[0][2][2:]
     if not all(isinstance(side, int) and 0 < side <= MOST_SIDE_PX for side in (height, width)):
         raise refuse(f"takes images of {width} × {height} px; a fixed size is needed")
-    if len(outputs) != 2:
-        raise refuse(f"gives {len(outputs)} outputs ({', '.join(name for name, _ in outputs)}), not two")
+    if len(outputs) not in (1, 2):
+        raise refuse(f"gives {len(outputs)} outputs ({', '.join(name for name, _ in outputs)}), not one or two")
+    if len(outputs) == 1:
+        shape = np.shape(run(np.zeros((1, 3, height, width), np.float32))[0])
+        both = _as_two(shape, run)
+        if both is None:
+            raise refuse(f"gives {outputs[0][0]} {list(shape)}: another kind of network")
+        outputs, run = both
     if not _sizes_known([shape for _, shape in outputs]):
         made = run(np.zeros((1, 3, height, width), np.float32))
         outputs = [(name, np.shape(values)) for (name, _), values in zip(outputs, made, strict=True)]
@@ -160,6 +172,49 @@ def network_of(
         first = 1 if outputs[0][0].endswith("y") else 0
         return PoseNetwork(path, False, (width, height), _topology(outputs[0][1][1], refuse), run, first)
     raise refuse(f"gives {', '.join(f'{name} {list(shape)}' for name, shape in outputs)}: another kind of network")
+
+
+def _as_float32(run: Run, dtype: type[np.floating[Any]]) -> Run:
+    """Return a network that takes and gives float32, for one that takes ``dtype``."""
+    if dtype is np.float32:
+        return run
+    return lambda values: [np.asarray(one, np.float32) for one in run(values.astype(dtype))]
+
+
+def _as_two(shape: tuple[int, ...], run: Run) -> tuple[list[tuple[str, Sequence[Any]]], Run] | None:
+    """Return names and shapes of two outputs, and a network that gives them, for one with a single output.
+
+    Heatmaps (1, keypoints, height, width) become responses of columns and rows, as of SimCC. The people of a YOLO
+    network, (1, 5 + 3 keypoints, people) or its transpose, become boxes and keypoints, as of RTMO (D. Maji et al.,
+    YOLO-Pose, CVPR workshops 2022): each has the middle, width, height and score of its box, then x, y and score of
+    each keypoint. None for other shapes.
+    """
+    if len(shape) == 4:
+        columns, rows = (1, shape[1], shape[3]), (1, shape[1], shape[2])
+        return [("x", columns), ("y", rows)], lambda values: _marginals(run(values)[0])
+    counts = [5 + 3 * count for count in TOPOLOGIES]
+    if len(shape) == 3 and (shape[1] in counts or shape[2] in counts):
+        across = shape[1] in counts
+        numbers, people = (shape[1], shape[2]) if across else (shape[2], shape[1])
+        shapes: list[tuple[str, Sequence[Any]]] = [
+            ("dets", (1, people, 5)),
+            ("keypoints", (1, people, (numbers - 5) // 3, 3)),
+        ]
+        return shapes, lambda values: _yolo_people(run(values[:, ::-1] / np.float32(255))[0], across=across)
+    return None
+
+
+def _marginals(maps: Any) -> Sequence[Any]:
+    """Return the largest responses of the columns and rows of heatmaps (1, keypoints, height, width)."""
+    return [np.max(maps, axis=2), np.max(maps, axis=3)]
+
+
+def _yolo_people(output: Any, *, across: bool) -> Sequence[Any]:
+    """Return boxes (1, people, 5) and keypoints (1, people, keypoints, 3) of a YOLO network; see `_as_two`."""
+    found = np.swapaxes(output, 1, 2) if across else np.asarray(output)
+    middle, sides = found[..., :2], found[..., 2:4]
+    boxes = np.concatenate([middle - sides / 2, middle + sides / 2, found[..., 4:5]], axis=-1)
+    return [boxes, found[..., 5:].reshape(1, found.shape[1], -1, 3)]
 
 
 def people_of(network: PoseNetwork, settings: OnnxSettings) -> PeopleDetector:
