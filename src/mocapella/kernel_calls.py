@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import is_
 from typing import Any, Final
 
 import numpy as np
@@ -73,8 +72,8 @@ def _kind(value: Any) -> Any:
         mask = _ARRAY if flags & 1 else _ARRAY | _FORTRAN
         return value.dtype, value.ndim, mask, flags & mask
     if issubclass(cls, tuple):
-        kinds = (cls, *map(_kind, value))
-        return _UNKNOWN if _UNKNOWN in kinds else kinds
+        kinds = tuple(map(_kind, value))
+        return _UNKNOWN if _UNKNOWN in kinds else (cls, kinds)
     return (cls, cls is int and _is_long(value)) if cls in _SCALARS else _UNKNOWN
 
 
@@ -86,16 +85,16 @@ def _is_long(number: int) -> bool:
 def _is_alike(value: Any, before: Any, kind: Any) -> bool:
     """Return whether a value is of the kind of the one before; a tuple with the same items is not looked into."""
     cls = type(value)
-    if cls is np.ndarray and type(before) is np.ndarray:
-        dtype, ndim, mask, flags = kind
-        return bool(value.dtype == dtype and value.ndim == ndim and value.flags.num & mask == flags)
     if cls is not type(before):
         return False
-    if not isinstance(value, tuple):
+    if cls is np.ndarray:
+        dtype, ndim, mask, flags = kind
+        return bool(value.dtype == dtype and value.ndim == ndim and value.flags.num & mask == flags)
+    if cls in _SCALARS:
         return cls is not int or _is_long(value) is kind[1]
     if len(value) != len(before):
         return False
-    if all(map(is_, value, before)):
-        return True
-    parts = zip(value, before, kind[1:], strict=True)
-    return all(part is old or _is_alike(part, old, own) for part, old, own in parts)
+    for part, old, own in zip(value, before, kind[1], strict=True):
+        if part is not old and not _is_alike(part, old, own):
+            return False
+    return True

@@ -8,6 +8,7 @@ import numpy as np
 from support.walking_people import FRONT, SIDE, Walker
 
 from mocapella.model.scene import Scene
+from mocapella.schema.scenes import encode_scene
 from mocapella.testing.walking import walking_arrivals
 from mocapella.tracker.default import DefaultTracker
 
@@ -49,3 +50,15 @@ def test_each_view_has_the_pose_of_its_sensor_also_after_a_restart_of_another_se
             views += _check(other.update(arrival))
         _check(one.update(arrivals[end]))
     assert views > 300
+
+
+def test_scenes_that_were_given_out_keep_their_views() -> None:
+    """Views are replaced in place from frame to frame, which must not reach the scenes of earlier frames."""
+    tracker = _tracker({"front": FRONT, "side": FARTHER})
+    arrivals = walking_arrivals({1: Walker()}, 1.0, {"front": FRONT, "side": SIDE}, noise=0.005)
+    scenes = [tracker.update(arrival) for arrival in arrivals[:40]]
+    before = [encode_scene(scene) for scene in scenes]
+    later = [tracker.update(arrival) for arrival in arrivals[40:]]
+    assert [encode_scene(scene) for scene in scenes] == before
+    newest = [one.time_ns for scene in (*scenes, *later) for person in scene.people for one in person.views]
+    assert len(set(newest)) > 30  # the views did change

@@ -230,7 +230,9 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
                 continue
             share = False
             for c in range(sensors):
-                share = share or (np.isfinite(body_s[r, c]) and np.isfinite(body_s[other, c]))
+                if np.isfinite(body_s[r, c]) and np.isfinite(body_s[other, c]):
+                    share = True
+                    break
             if not share and apart(middle[r], middle[other]) <= same_within_m:
                 events |= MAY_BE_ONE
     return events
@@ -257,20 +259,20 @@ def assign_and_take(
 
 
 @njit(cache=True)
-def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64) -> Int64:
-    """Return the row of the track of each of a sensor's bodies (bodies,), as last assigned; −1 for none.
+def rows_of(ids: Int64, column: int, body: Int64, body_s: Float64, rows: Int64) -> None:
+    """Write the row of the track of each of a sensor's bodies, as last assigned.
 
     Args:
         ids: (bodies,) tracking ids.
         column: column of the sensor.
         body, body_s: (tracks, sensors) of `TrackMemory`.
+        rows: (bodies,) written; −1 for none.
     """
-    rows = np.full(len(ids), -1, dtype=np.int64)
     for b in range(len(ids)):
+        rows[b] = -1
         for r in range(len(body)):
             if body[r, column] == ids[b] and np.isfinite(body_s[r, column]):
                 rows[b] = r
-    return rows
 
 
 @njit(cache=True)

@@ -309,8 +309,9 @@ class Tracks:
         """
         if sensor not in self.sensors:
             return np.full(len(ids), -1, dtype=np.int64)
-        m, numbers = self.memory, id_array(ids).view(np.int64)
-        return np.asarray(_kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s))
+        m, numbers, rows = self.memory, id_array(ids).view(np.int64), np.empty(len(ids), dtype=np.int64)
+        _kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s, rows)
+        return rows
 
     def move(self, T_new_old: Float64) -> None:
         """Express all positions in another world frame, in `memory`; T_new_old is a rigid motion (4, 4)."""

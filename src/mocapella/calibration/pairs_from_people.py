@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
@@ -152,7 +153,7 @@ class PairsFromPeople:
             soon = max(self.settings.first_refresh_s, REFRESH_PART * estimate.motion_s)
             self._refresh_s = min(self._refresh_s, soon)
             if any(
-                np.isnan(body[at.DISAGREES_SINCE]) and now - body[at.STEP_AT] < self.settings.gone_after_s
+                math.isnan(body.item(at.DISAGREES_SINCE)) and now - body.item(at.STEP_AT) < self.settings.gone_after_s
                 for body in calibration.bodies.values()
             ):
                 pair.agreed_at = now

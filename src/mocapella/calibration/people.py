@@ -448,6 +448,10 @@ class PeopleCalibration(PairsFromPeople):
 
     def _conditions_of(self, placed: Mapping[str, PlacedSensor]) -> dict[str, str]:
         contradicted = {key: pair for key, pair in self._pairs.items() if contradicts(pair)}
+        own: dict[str, dict[Pair, PairOfSensors]] = {name: {} for name in placed}
+        for key, pair in self._pairs.items():
+            for name in own.keys() & key:
+                own[name][key] = pair
         conditions = {}
         for name in placed:
             behind_s = self._behind.get(name, 0.0)
@@ -459,7 +463,7 @@ class PeopleCalibration(PairsFromPeople):
                 mistilted=name in self._poses and self._stated_floor(name) is None,
             )
             conditions[name] = faults.condition or pose_condition(
-                name, self._pairs, contradicted, placed, seeing=bool(self._tracks[name].bodies)
+                name, own[name], contradicted, placed, seeing=bool(self._tracks[name].bodies)
             )
         return conditions
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
+
+_LAST_ROW: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def rotation_about_x(angle: Any) -> Float64:
@@ -87,8 +89,12 @@ def inverse(T: Float64) -> Float64:
 
     The result is a new array, wrong for matrices with a scale.
     """
-    R_back = np.swapaxes(T[..., :3, :3], -1, -2)
-    return rigid(R_back, -(R_back @ T[..., :3, 3, None])[..., 0])
+    R_back = T[..., :3, :3].swapaxes(-1, -2)
+    back = np.empty(T.shape)
+    back[..., :3, :3] = R_back
+    back[..., :3, 3:] = -(R_back @ T[..., :3, 3:])
+    back[..., 3, :] = _LAST_ROW
+    return back
 
 
 def apply(T: Float64, points: Any) -> Float64:

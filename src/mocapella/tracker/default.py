@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from itertools import compress
 from typing import Any, Final
 
 import msgspec
@@ -358,10 +359,9 @@ class DefaultTracker:
         now = approached(before, known, elapsed_s) if self._shown else known
         self._T_world_root, self._T_root_sensor = now[0], dict(zip(names, now[1:], strict=True))
         if self._people is not None and names:
-            back = inverse(np.array(before[1:]))
-            for name, T_before, T_back, T in zip(names, before[1:], back, now[1:], strict=True):
-                if T is not T_before and not (T_before == T).all():
-                    self._people.move_sensor(name, T @ T_back)
+            old, new = np.array(before[1:]), np.array(now[1:])
+            moved = (old != new).any(axis=(1, 2))
+            self._people.move_sensors(list(compress(names, moved.tolist())), new[moved] @ inverse(old[moved]))
         self._views, self._places = None, self._sensor_places()
 
     def _choose_root(self, state: PeopleState) -> str:

@@ -253,14 +253,15 @@ class People:
         if self._facing is not None:
             people = [self.numbers[row] for row in frame.rows.tolist()]
             facing = self._facing.inputs(self.sensors[frame.column], people, frame.at_s)
-        measured = self._step(
+        fused = np.empty(frame.positions.shape)
+        self._step(
             frame, at_s, self._parameters, s.fusion.parameters, self._layout, self.R_level, m.points, m.views,
-            m.skeletons, facing, self._body_arrays, m.body,
+            m.skeletons, facing, self._body_arrays, m.body, fused,
         )  # fmt: skip
         if s.smoothing == "one-euro":
             e = s.one_euro
             _kernels().smooth_people(
-                frame.rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, measured, at_s,
+                frame.rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, fused, at_s,
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
 
@@ -274,11 +275,21 @@ class People:
         """
         column = self.sensors.index(sensor) if sensor in self.sensors else -1
         m = self.memory
-        results = _step_kernels().report(
+        people, sensors, joints = m.view_positions.shape[:3]
+        results = PeopleResults(
+            np.empty((people, joints, 3)),
+            np.empty((people, joints), dtype=np.float32),
+            np.empty((people, joints), dtype=np.uint8),
+            np.empty((sensors if column < 0 else 1, people, joints, 3)),
+            np.empty((people, sensors), dtype=np.bool_),
+            np.empty(people, dtype=np.bool_),
+        )
+        _step_kernels().report(
             np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions, m.body,
-            self._slack, column,
+            self._slack, column, results.positions, results.sd, results.states, results.views, results.fresh,
+            results.noted,
         )  # fmt: skip
-        return PeopleResults(*results)
+        return results
 
     def views_of(
         self, results: PeopleResults, sensor: str, time_ns: int, pose: BodyFrame | SensorPose, T: Float64
@@ -335,15 +346,18 @@ class People:
         for name in ("velocities", "euro_velocities", "view_offsets", "view_bias"):
             getattr(m, name)[:] = getattr(m, name) @ R.T
 
-    def move_sensor(self, sensor: str, T_new_old: Float64) -> None:
-        """Move one sensor's views by ``T_new_old`` (4, 4) after its pose was refined; people follow gradually.
+    def move_sensors(self, sensors: Sequence[str], T_new_old: Float64) -> None:
+        """Move sensors' views after their poses were refined; people follow gradually.
 
-        An unknown sensor is ignored.
+        Args:
+            sensors: names; unknown ones are ignored.
+            T_new_old: (sensors, 4, 4) from the old to the new positions in the space of the people.
         """
-        if sensor not in self.sensors:
-            return
-        column = self.sensors.index(sensor)
-        _kernels().move_views(column, np.ascontiguousarray(T_new_old), self.mirror, self.memory.views)
+        known = [(self.sensors.index(name), i) for i, name in enumerate(sensors) if name in self.sensors]
+        if known:
+            columns, which = np.array(known, dtype=np.int64).T
+            T = np.ascontiguousarray(T_new_old[which])
+            _kernels().move_views(np.ascontiguousarray(columns), T, self.mirror, self.memory.views)
 
     def level(self, R_level: Float64) -> None:
         """Set the rotation ``R_level`` (3, 3) from the space of the people to one with y up."""

@@ -53,7 +53,8 @@ def step(
     facing: FacingInputs | None,
     model: BodyArrays | None,
     body: Float64,
-) -> Float64:
+    fused: Float64,
+) -> None:
     """Predict all people, then store a frame's views, decide their labels, and fuse and smooth the persons in it.
 
     Args:
@@ -66,9 +67,8 @@ def step(
         facing: the facing filter, updated; None uses the labels on which the sensors agree.
         model: the articulated body; None leaves the skeletons as the Kalman filter has them.
         body: (people, …) state of the body in a row for each person, updated.
-
-    Returns:
-        The fused positions of the persons in the frame (bodies, joints, 3) [m]; NaN where no view has the joint.
+        fused: (bodies, joints, 3) written: fused positions of the persons in the frame [m]; NaN where no view has the
+            joint. It is no result, because numba takes more than a microsecond to return an array.
     """
     rows, column = frame.rows, frame.column
     level, toward, velocities, dts = observe(frame, now_s, parameters, fusion, layout, R_level, points, views)
@@ -102,7 +102,10 @@ def step(
     if model is not None:
         rigidity = rigidity_of(rows, now_s, parameters.view_age_s, views)
         pose_people(rows, model, body, measured, variances, now_s, rigidity, skeletons.steady, skeletons.doubts)
-    return measured
+    for b in range(len(rows)):
+        for j in range(fused.shape[1]):
+            for k in range(3):
+                fused[b, j, k] = measured[b, j, k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,8 +134,9 @@ def note_unsure(rows: Rows, sd: Float64, now_s: float, view_age_s: float, views:
 @njit(cache=True, error_model="numpy")
 def report(
     T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64,
-    body: Float64, slack: tuple[int, int], column: int,
-) -> tuple[Float64, NDArray[np.float32], UInt8, Float64, Bools, Bools]:  # fmt: skip
+    body: Float64, slack: tuple[int, int], column: int, positions: Float64, sd: NDArray[np.float32], states: UInt8,
+    views: Float64, fresh: Bools, noted: Bools,
+) -> None:  # fmt: skip
     """Transform all people and views by ``T`` (4, 4) for output.
 
     An inferred joint's standard deviation is at least what a sensor's guess may be off after that time.
@@ -147,25 +151,23 @@ def report(
         body: (people, …) state of the articulated body.
         slack: first column of the limits' slack in ``body``, and the one after its last [rad].
         column: column of the sensor whose views are wanted; −1 for all.
-
-    Returns:
-        (people, joints, 3) smoothed positions [m], (people, joints) float32 their standard deviation [m], both NaN for
-        a joint that is not tracked, (people, joints) `JointState`, (wanted sensors, people, joints, 3) each wanted view
-        [m], (people, sensors) whether the view is in use, and (people,) whether the person may have a condition; new
-        arrays.
+        positions, sd, states: (people, joints, 3) smoothed positions [m], (people, joints) their standard deviation
+            [m], both NaN for a joint that is not tracked, and (people, joints) `JointState`; written.
+        views, fresh: (wanted sensors, people, joints, 3) each wanted view [m], where it is in use, and
+            (people, sensors) whether it is in use; written.
+        noted: (people,) whether the person may have a condition; written.
     """
     people, sensors, joints = view_positions.shape[:3]
-    positions, sd = np.empty((people, joints, 3)), np.empty((people, joints), dtype=np.float32)
     first, last = (column, column + 1) if column >= 0 else (0, sensors)
-    views, fresh = np.empty((last - first, people, joints, 3)), np.empty((people, sensors), dtype=np.bool_)
-    states, noted = skeletons.states.copy(), np.zeros(people, dtype=np.bool_)
     steady, doubts, measured_s = skeletons.steady, skeletons.doubts, skeletons.measured_s
+    now_states = skeletons.states
     for r in range(people):
         noted[r] = skeletons.fused_s[r] - skeletons.unsure_s[r] > UNSURE_S
         for i in range(slack[0], slack[1]):
             noted[r] = noted[r] or body[r, i] > LEAST_REPORTED  # False for NaN
         move_points(T, steady[r], positions[r])
         for j in range(joints):
+            states[r, j] = now_states[r, j]
             sd[r, j] = np.sqrt(doubts[r, j])
             if states[r, j] == _NOT_TRACKED:  # the body model extrapolates them without an end
                 positions[r, j], sd[r, j] = np.nan, np.nan
@@ -176,4 +178,3 @@ def report(
             fresh[r, c] = now_s - view_at[r, c] <= view_age_s
             if fresh[r, c] and first <= c < last:
                 move_points(T, view_positions[r, c], views[c - first, r])
-    return positions, sd, states, views, fresh, noted

@@ -290,27 +290,29 @@ def turn(body: Float64, line_of: Int64, root: int, up: Float64, angles: Float64)
 
 
 @njit(cache=True, error_model="numpy")
-def move_views(column: int, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
-    """Move one sensor's views after its extrinsics changed; their offsets take up the change and fade, without a jump.
+def move_views(columns: Int64, T_new_old: Float64, mirror: Int64, views: ViewArrays) -> None:
+    """Move sensors' views after their extrinsics changed; offsets take up the change and fade, without a jump.
 
     Args:
-        column: column of the sensor.
-        T_new_old: (4, 4) from the old to the new positions.
+        columns: (sensors,) columns of the sensors.
+        T_new_old: (sensors, 4, 4) from the old to the new positions.
         mirror: (joints,) index of each joint's counterpart on the other side of the body.
         views: updated.
     """
+    positions, mirrored, offsets = views.positions, views.mirrored, views.offsets
     shift = np.empty((len(mirror), 3))
-    for p in range(len(views.positions)):
-        view = views.positions[p, column]
-        for j in range(len(mirror)):
-            for k in range(3):
-                x = T_new_old[k, 3]
-                for i in range(3):
-                    x += T_new_old[k, i] * view[j, i]
-                shift[j, k] = x - view[j, k]
-        for j in range(len(mirror)):
-            m = mirror[j] if views.mirrored[p, column] else j
-            for k in range(3):
-                if np.isfinite(shift[m, k]):
-                    views.offsets[p, column, j, k] += shift[m, k]
-                view[j, k] += shift[j, k]
+    for n in range(len(columns)):
+        column, T = columns[n], T_new_old[n]
+        for p in range(len(positions)):
+            for j in range(len(mirror)):
+                for k in range(3):
+                    x = T[k, 3]
+                    for i in range(3):
+                        x += T[k, i] * positions[p, column, j, i]
+                    shift[j, k] = x - positions[p, column, j, k]
+            for j in range(len(mirror)):
+                m = mirror[j] if mirrored[p, column] else j
+                for k in range(3):
+                    if np.isfinite(shift[m, k]):
+                        offsets[p, column, j, k] += shift[m, k]
+                    positions[p, column, j, k] += shift[j, k]

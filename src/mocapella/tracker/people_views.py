@@ -22,28 +22,28 @@ def followed(
     """Return the views in use of all people, in the order of their rows; within a person, in that of ``shown``.
 
     Args:
-        before: the views in use before this frame.
+        before: the views in use before this frame; a person's views are replaced in place where the same sensors see
+            the person.
         newest: views of sensors that replace those before, one for each row of people.
         shown: the sensors whose views are shown.
         people: the people.
         fresh: (people, sensors) whether a view is recent enough.
     """
-    index = {sensor: column for column, sensor in enumerate(people.sensors)}
-    columns = [(sensor, index[sensor], newest.get(sensor)) for sensor in shown]
-    counts = np.count_nonzero(fresh if len(columns) == fresh.shape[1] else fresh[:, [i for _, i, _ in columns]], axis=1)
-    rows = zip(people.numbers, counts.tolist(), strict=True)
+    everyone = len(shown) == fresh.shape[1]
+    seen = fresh if everyone else fresh[:, [column for column, name in enumerate(people.sensors) if name in shown]]
+    counts: list[int] = np.add.reduce(seen, axis=1).tolist()
     views, names = Views(), newest.keys()
-    for row, (number, count) in enumerate(rows):
+    for row, (number, count) in enumerate(zip(people.numbers, counts, strict=True)):
         known = before.get(number, _NONE)
         if len(known) == count and names <= known.keys():  # as usual: the same sensors see the person
-            now = views[number] = known.copy()
             for sensor, new in newest.items():
-                now[sensor] = new[row]
-            continue
-        is_fresh = fresh[row].tolist()
-        views[number] = {
-            sensor: known[sensor] if new is None else new[row]
-            for sensor, column, new in columns
-            if is_fresh[column] and (new is not None or sensor in known)
-        }
+                known[sensor] = new[row]
+            views[number] = known
+        else:
+            is_fresh = dict(zip(people.sensors, fresh[row].tolist(), strict=True))
+            views[number] = {
+                sensor: newest[sensor][row] if sensor in newest else known[sensor]
+                for sensor in shown
+                if is_fresh[sensor] and (sensor in newest or sensor in known)
+            }
     return views
