@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from mocapella.cli import import_commands
 from mocapella.cli.app import app
-from mocapella.cli.evaluate_webcams import _WHERE, _WHO, show_films, show_webcams
+from mocapella.cli.evaluate_webcams import _WHERE, _WHO, show_causes, show_films, show_webcams
 from mocapella.evaluation.webcams import judged
 from mocapella.sources.simulate.crowd import crowd_names
 
@@ -53,10 +53,24 @@ def test_the_tables_of_films_have_both_comparisons_and_the_lags() -> None:
     assert all(words in text for words in ("as numbered", "same image", "keypoints -1.01", "detector's 0.12 frames"))
 
 
+def test_the_tables_of_causes_have_a_row_for_each_seed() -> None:
+    run = {
+        "pcp_percent": {"method": 91.25}, "actors_percent": [91.25, 92.25], "parts_percent": {"upper arms": 93.25},
+        "found_percent": 94.25, "precision_percent": 95.25, "causes_percent": {"not tracked": 3.25},
+    }  # fmt: skip
+    fewer = run | {"actors_percent": [96.25]}
+    out = Console(record=True, width=80)
+    show_causes({"seeds": [0, 7], "causes": {"shelf": [run, fewer]}}, out)
+    text = out.export_text()
+    assert all(f"{value:.2f}" in text for value in (91.25, 92.25, 93.25, 94.25, 95.25, 96.25, 3.25))
+    assert text.count("shelf 7") == len(run)
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--scenes", "nowhere"], "unknown scene"),
+        (["--causes", "--scenes", "nowhere"], "unknown scene"),
         (["--seeds", "x"], "--seeds"),
         (["--detector", "mediapipe"], "--data"),
         (["--data", ".", "--detector", "nothing"], "nothing"),

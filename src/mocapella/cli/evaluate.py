@@ -72,7 +72,7 @@ def kinectmultitrack(
     from mocapella.evaluation.kinectmultitrack import evaluate
     from mocapella.evaluation.study_tables import rounded
 
-    chosen = _names(methods)
+    chosen = split_names(methods)
     with console.status("reading …") as status:
         result = evaluate(
             folder,
@@ -134,8 +134,8 @@ def simulation(
         return
     with console.status("making rooms …") as status:
         result = evaluate(
-            _names(methods),
-            None if scenes is None else _names(scenes),
+            split_names(methods),
+            None if scenes is None else split_names(scenes),
             participant_numbers(seeds, "--seeds") or [],
             lambda text: status.update(f"scoring {text} …"),
         )
@@ -191,7 +191,7 @@ def hands(
         return
     with console.status("rendering …") as status:
         result = evaluate(
-            None if scenes is None else _names(scenes),
+            None if scenes is None else split_names(scenes),
             participant_numbers(seeds, "--seeds") or [],
             read_settings(NoKeys, settings_file, settings)[1],
             lambda text: status.update(f"rendering {text} …"),
@@ -249,7 +249,7 @@ def line_skeleton_grid(
         typer.echo("\n".join(depth_scene_names()))
         return
     numbers = participant_numbers(seeds, "--seeds") or []
-    camera, frames = rendered_frames(SCENES if scenes is None else _names(scenes), numbers, depth_sensor)
+    camera, frames = rendered_frames(SCENES if scenes is None else split_names(scenes), numbers, depth_sensor)
     with console.status("rendering arms, and looking at each with six grids …"):
         rows = grid_table(frames, camera, time.perf_counter)
     write_json(json, {"sensor": depth_sensor, "seeds": numbers, "rows": msgspec.to_builtins(rows)})
@@ -274,7 +274,8 @@ def show_scenes(summaries: Mapping[str, str]) -> None:
     typer.echo("\n".join(f"{name:<{width}}{what}" for name, what in summaries.items()))
 
 
-def _names(text: str) -> list[str]:
+def split_names(text: str) -> list[str]:
+    """Return the names of a list with commas, each once."""
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
@@ -289,7 +290,7 @@ def scene_table(scenes: Mapping[str, Any], columns: Mapping[str, str], empty: Ta
     for words in ("", *columns.values()):
         empty.add_column(words, justify="right" if words else "left", no_wrap=True)
     for name, of in scenes.items():
-        empty.add_row(name, *(_cell(of["mean"][figure]) for figure in columns))
+        empty.add_row(name, *(figure_text(of["mean"][figure]) for figure in columns))
     return empty
 
 
@@ -305,7 +306,8 @@ def show_simulation(result: dict[str, Any], out: Console) -> None:
             sign = "≥" if target["over_scenes"] == "least" else "≤"
             where = "all runs" if target["over_scenes"] == "sum" else worst["scene"] or "no scene"
             out.print(
-                f"  {figure}: {_cell(worst['value'])} ({where}; {sign} {target['limit']:g}) {judged}", highlight=False
+                f"  {figure}: {figure_text(worst['value'])} ({where}; {sign} {target['limit']:g}) {judged}",
+                highlight=False,
             )
     out.print(
         "labels aside: as if left and right were right; of it: of the best sensor's\n"
@@ -339,7 +341,8 @@ def show(result: dict[str, Any], out: Console) -> None:
             sessions = f"{yaw['sessions']} session" + ("" if yaw["sessions"] == 1 else "s")
             spread = "" if yaw["sd"] is None else f" ± {yaw['sd']:.2f}"
             out.print(
-                f"yaw between the sensors, {placement}: {_cell(yaw['mean'])}{spread}°, {sessions}", highlight=False
+                f"yaw between the sensors, {placement}: {figure_text(yaw['mean'])}{spread}°, {sessions}",
+                highlight=False,
             )
         _show_interactions(scored["interactions"], out)
     out.print(_fused(result))
@@ -366,14 +369,14 @@ def _tasks(tasks: dict[str, Any]) -> Table:
             figures += [dd["std"], row["raw_labels"]["dd_cm"]["mean"], dd["worst_participant"]]
             figures += [row["torso_dd_cm"]["mean"]]
             style = "red" if row["problem"] else None
-            table.add_row(f"  {placement}", *map(_cell, figures), str(row["pairs"]), style=style)
+            table.add_row(f"  {placement}", *map(figure_text, figures), str(row["pairs"]), style=style)
     return table
 
 
 def _show_interactions(interactions: dict[str, Any], out: Console) -> None:
     if "files" not in interactions:
         return
-    median, mean, p95 = (_cell(interactions[name]) for name in ("median_cm", "mean_cm", "p95_cm"))
+    median, mean, p95 = (figure_text(interactions[name]) for name in ("median_cm", "mean_cm", "p95_cm"))
     switches, missed, labels = (interactions[name] for name in ("identity_switches", "missed", "labels"))
     out.print(
         f"interactions: {switches} identity switches, {missed} of {labels} labelled places empty; "
@@ -390,11 +393,12 @@ def _fused(result: dict[str, Any]) -> Table:
     for name in columns:
         table.add_column(name, justify="right")
     for key, words in _FUSED.items():
-        table.add_row(words, *(_cell(figures.get(key)) for figures in columns.values()))
+        table.add_row(words, *(figure_text(figures.get(key)) for figures in columns.values()))
     return table
 
 
-def _cell(value: float | None) -> str:
+def figure_text(value: float | None) -> str:
+    """Return a figure as the text of a table's cell; a dash if it is unknown."""
     return "–" if value is None else f"{value:.2f}"
 
 

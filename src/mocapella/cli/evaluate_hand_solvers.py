@@ -12,7 +12,7 @@ from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.common import JsonOut, Plot, console, participant_numbers, say, write_json
-from mocapella.cli.evaluate import Scenes, Seeds, _names
+from mocapella.cli.evaluate import Scenes, Seeds, split_names
 
 _HEADINGS: Final = (
     *("angles\n°", "95 %", "tips\nmm", "reached\n%", "within\n%", "jitter\nmm", "iter-\nations", "time\n× map"),
@@ -38,7 +38,7 @@ def hand_solvers(scenes: Scenes = None, seeds: Seeds = "0,1", plot: Plot = None,
         return
     numbers = participant_numbers(seeds, "--seeds") or []
     with console.status("tracking …") as status:
-        chosen = None if scenes is None else _names(scenes)
+        chosen = None if scenes is None else split_names(scenes)
         rows = compare_solvers(
             chosen, numbers, time.perf_counter, lambda text: status.update(f"tracking {text} with each solver …")
         )

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _names
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, split_names
 from mocapella.cli.evaluate_silhouettes import SceneSeconds
 
 
@@ -36,7 +36,7 @@ def silhouettes_keypoints(
     if scenes == "help":
         typer.echo("\n".join(SEATED_SCENES))
         return
-    names = [*SEATED_SCENES] if scenes is None else _names(scenes)
+    names = [*SEATED_SCENES] if scenes is None else split_names(scenes)
     with console.status("making rooms …") as status:
         found = evaluate(
             names, participant_numbers(seeds, "--seeds") or [], seconds, data,

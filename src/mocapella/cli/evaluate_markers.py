@@ -12,7 +12,7 @@ from rich.table import Table
 
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.common import JsonOut, Plot, console, participant_numbers, say, write_json
-from mocapella.cli.evaluate import Scenes, Seeds, _names
+from mocapella.cli.evaluate import Scenes, Seeds, split_names
 from mocapella.errors import SettingsError
 
 Row = tuple[str, Callable[[Any], str]]
@@ -204,7 +204,7 @@ def _scenes_listed(scenes: str | None) -> bool:
 
 
 def _chosen(scenes: str | None) -> list[str] | None:
-    return None if scenes is None else _names(scenes)
+    return None if scenes is None else split_names(scenes)
 
 
 def _numbers(text: str | None, option: str, default: Sequence[float]) -> Sequence[float]:

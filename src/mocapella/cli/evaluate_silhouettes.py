@@ -115,11 +115,11 @@ def _experiment(
 ) -> None:  # fmt: skip
     import msgspec
 
-    from mocapella.cli.evaluate import _names
+    from mocapella.cli.evaluate import split_names
     from mocapella.evaluation.silhouette_experiments import EXPERIMENTS, plot_movements, plot_weights, run
     from mocapella.evaluation.silhouette_one_camera import plot_one_camera, run_one_camera
 
-    numbers, chosen = participant_numbers(seeds, "--seeds") or [], _names(bodies)
+    numbers, chosen = participant_numbers(seeds, "--seeds") or [], split_names(bodies)
     rows: Sequence[Any]
     draw: Callable[[Path], None]
     with console.status("rendering …") as status:

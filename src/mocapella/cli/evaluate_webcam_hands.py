@@ -13,7 +13,7 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, read_settings, set_option
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, scene_table, show_scenes
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, figure_text, scene_table, show_scenes, split_names
 from mocapella.cli.evaluate_webcams import webcams_keys
 
 _WHO: Final = {
@@ -74,7 +74,7 @@ def webcam_hands(
     chosen = read_settings(NoKeys, settings_file, settings)[1]
     with console.status("making hands …") as status:
         result = evaluate(
-            None if scenes is None else _names(scenes), participant_numbers(seeds, "--seeds") or [], chosen,
+            None if scenes is None else split_names(scenes), participant_numbers(seeds, "--seeds") or [], chosen,
             lambda text: status.update(f"scoring {text} …"),
         )  # fmt: skip
         if data is not None:
@@ -126,6 +126,6 @@ def show_webcam_hands(result: dict[str, Any], out: Console) -> None:
         table.add_column("")
         table.add_column("", justify="right")
         for figure, words in _CLIP.items():
-            table.add_row(words, _cell(result["clip"][figure]))
+            table.add_row(words, figure_text(result["clip"][figure]))
         out.print(table)
         out.print("The unit of its calibration is unknown: the palm is scaled to an average one.", highlight=False)

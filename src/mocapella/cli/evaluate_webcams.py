@@ -14,7 +14,7 @@ from rich.table import Table
 from mocapella.cli.app import evaluate_app
 from mocapella.cli.command_settings import NoKeys, SettingsFile, lines_of_dataclass, read_settings, set_option
 from mocapella.cli.common import JsonOut, console, participant_numbers, write_json
-from mocapella.cli.evaluate import Recordings, Scenes, Seeds, _cell, _names, scene_table, show_scenes
+from mocapella.cli.evaluate import Recordings, Scenes, Seeds, figure_text, scene_table, show_scenes, split_names
 from mocapella.cli.keypoint_options import KeypointDetectorName, opened_detector
 from mocapella.errors import SettingsError
 
@@ -33,6 +33,14 @@ _WHERE: Final = {
     "false_percent": "false\n%",
     "normalised": "error\n/ sd",
 }
+_CAUSES: Final = {
+    "pcp_percent": "correct limbs, by run [%]",
+    "actors_percent": "correct limbs of the method, by person [%]",
+    "parts_percent": "correct limbs of the method, by part [%]",
+    "found_percent": "expected people who are found [%]",
+    "precision_percent": "found people who are true [%]",
+    "causes_percent": "missed limbs of the method, by cause [% of all limbs]",
+}
 
 
 def webcams_keys(_context: typer.Context) -> Iterator[str]:
@@ -48,13 +56,17 @@ def webcams(
     seeds: Seeds = "0",
     data: Recordings = None,
     detector: KeypointDetectorName = None,
+    causes: Annotated[
+        bool, typer.Option("--causes", help="Print oracles and why limbs are missed, instead of scores.")
+    ] = False,
     settings_file: SettingsFile = None,
     settings: Annotated[list[str] | None, set_option(NoKeys, webcams_keys)] = None,
     json: JsonOut = None,
 ) -> None:
     """Score the method webcams: simulated crowds against exact truth, recordings against their authors' results.
 
-    With --data and --detector, also the people whom a detector finds in the recordings' films.
+    With --data and --detector, also the people whom a detector finds in the recordings' films. With --causes, oracles
+    that know who is who track simulated crowds, too, and each missed limb has a cause.
 
     docs/evaluation.md says how everything is scored. A number after a scene's name is that of its cameras: six-walk/8.
 
@@ -68,6 +80,9 @@ def webcams(
         show_scenes(crowd_summaries())
         return
     chosen = read_settings(NoKeys, settings_file, settings)[1]
+    if causes:
+        tell_causes(scenes, seeds, chosen, json)
+        return
     finds = None
     if detector is not None:
         from mocapella.evaluation.keypoint_films import evaluate_films
@@ -78,7 +93,7 @@ def webcams(
         finds()  # report missing parts before minutes of other scores
     with console.status("making rooms …") as status:
         result = evaluate(
-            None if scenes is None else _names(scenes), participant_numbers(seeds, "--seeds") or [], chosen, data,
+            None if scenes is None else split_names(scenes), participant_numbers(seeds, "--seeds") or [], chosen, data,
             lambda text: status.update(f"scoring {text} …"),
         )  # fmt: skip
         if finds is not None and data is not None:
@@ -90,6 +105,46 @@ def webcams(
     write_json(json, result)
     if json != "-":
         show_webcams(result, Console())
+
+
+def tell_causes(scenes: str | None, seeds: str, settings: dict[str, Any], json: str | None) -> None:
+    """Run `mocapella.evaluation.webcam_causes.evaluate_causes`, and print or write its result."""
+    from mocapella.evaluation.study_tables import rounded
+    from mocapella.evaluation.webcam_causes import evaluate_causes
+
+    names = None if scenes is None else split_names(scenes)
+    with console.status("making rooms …") as status:
+        result = evaluate_causes(
+            names, participant_numbers(seeds, "--seeds") or [], settings,
+            lambda text: status.update(f"scoring {text} …"),
+        )  # fmt: skip
+    result = rounded(result)
+    write_json(json, result)
+    if json != "-":
+        show_causes(result, Console())
+
+
+def show_causes(result: dict[str, Any], out: Console) -> None:
+    """Print the result of `mocapella.evaluation.webcam_causes.evaluate_causes` as tables, a row for each seed."""
+    for key, title in _CAUSES.items():
+        rows = [
+            (f"{name} {seed}", _figures(one[key]))
+            for name, runs in result["causes"].items()
+            for seed, one in zip(result["seeds"], runs, strict=True)
+        ]
+        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for words in ("", *max((figures for _, figures in rows), key=len)):
+            table.add_column(words.replace(" ", "\n"), justify="right" if words else "left", no_wrap=True)
+        for name, figures in rows:
+            table.add_row(name, *map(figure_text, figures.values()))
+        out.print(table)
+
+
+def _figures(values: Any) -> dict[str, Any]:
+    """Figures by their names: of people by their numbers, and a single one alone."""
+    if isinstance(values, dict):
+        return values
+    return {str(k): value for k, value in enumerate(values, 1)} if isinstance(values, list) else {"people": values}
 
 
 def show_webcams(result: dict[str, Any], out: Console) -> None:
@@ -115,7 +170,7 @@ def show_webcams(result: dict[str, Any], out: Console) -> None:
     for name, target in result["targets"].items():
         sign = "≥" if target["kind"] == "least" else "≤"
         verdict = "met" if target["met"] else "[red]not met[/red]"
-        out.print(f"  {name}: {_cell(target['value'])} ({sign} {target['limit']:g}) {verdict}", highlight=False)
+        out.print(f"  {name}: {figure_text(target['value'])} ({sign} {target['limit']:g}) {verdict}", highlight=False)
 
 
 def show_films(name: str, films: dict[str, Any], out: Console) -> None:
@@ -125,8 +180,8 @@ def show_films(name: str, films: dict[str, Any], out: Console) -> None:
         _add_people(table, words, films[key])
     out.print(table)
     out.print(
-        f"lag behind the images: of the recording's own keypoints {_cell(films['reference_lag_frames'])}, "
-        f"of the detector's {_cell(films['detector_lag_frames'])} frames",
+        f"lag behind the images: of the recording's own keypoints {figure_text(films['reference_lag_frames'])}, "
+        f"of the detector's {figure_text(films['detector_lag_frames'])} frames",
         highlight=False,
     )
 
@@ -143,5 +198,5 @@ def _add_people(table: Table, name: str, clip: dict[str, Any], *, numbered: bool
     for k, person in enumerate(clip["people"], 1):
         figures = [person[key] for key in ("present_percent", "median_mm", "p95_mm")]
         shared = [clip["others_percent"], clip["measured_percent"]] if k == 1 else []
-        cells = [*map(_cell, figures), str(person["ids"]), *map(_cell, shared)]
+        cells = [*map(figure_text, figures), str(person["ids"]), *map(figure_text, shared)]
         table.add_row(f"{name} {k}" if numbered else name, *cells)

@@ -7,7 +7,7 @@ from one second on while two cameras or more see at least `LEAST_SEEN` of the ke
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -49,6 +49,17 @@ def match_people(apart: Float64) -> dict[int, int]:
     )
     rows, columns = linear_sum_assignment(np.where(mean <= SAME_M, mean - 100.0, 0.0)) if mean.size else ((), ())
     return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if mean[i, j] <= SAME_M}
+
+
+def expected_people(cameras: NDArray[Any], room_ns: int) -> NDArray[np.bool_]:
+    """Return whether each person (people,) is expected.
+
+    Args:
+        cameras: (cameras, people, 26) whether each keypoint is visible.
+        room_ns: time since the beginning [ns].
+    """
+    seen = (cameras.sum(axis=-1) >= LEAST_SEEN).sum(axis=0) >= 2
+    return np.asarray(seen & (room_ns >= AFTER_NS))
 
 
 class PeopleFigures(msgspec.Struct, frozen=True):
@@ -113,7 +124,7 @@ class PeopleScore:
             people: the found people, in the true world's frame.
         """
         seen = cameras.sum(axis=0)
-        expected = ((cameras.sum(axis=-1) >= LEAST_SEEN).sum(axis=0) >= 2) & (room_ns >= AFTER_NS)
+        expected = expected_people(cameras, room_ns)
         found = np.array([person.positions for person in people]).reshape(len(people), true.shape[1], 3)
         apart = np.linalg.norm(true[:, None] - found[None], axis=-1)
         pairs = match_people(apart)

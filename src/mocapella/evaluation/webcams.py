@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.errors import SettingsError, one_of
-from mocapella.evaluation.keypoint_clips import CLIPS, KeypointClip, pose2sim_clip
+from mocapella.evaluation.keypoint_clips import CLIPS, POSE2SIM_HZ, KeypointClip, pose2sim_clip
 from mocapella.evaluation.people_scores import PeopleFigures, PeopleScore, match_people
 from mocapella.evaluation.simulation import Tracked
 from mocapella.model.camera import CameraRig
@@ -21,7 +21,7 @@ from mocapella.settings import parse
 from mocapella.sources.simulate.crowd import CrowdScene, crowd_names, crowd_scene
 from mocapella.sources.simulate.keypoint_camera import SimulatedKeypoints
 from mocapella.tracker.webcams import WebcamsTracker
-from mocapella.tracker.webcams_settings import WebcamsSettings
+from mocapella.tracker.webcams_settings import WebcamsSettings, numbered_time_sd_s
 
 Float64 = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def evaluate(
     names = [*crowd_names(), EIGHT] if scenes is None else list(scenes)
     if not seeds or min(seeds) < 0:
         raise SettingsError(f"seeds {list(seeds)} cannot be used; give one or more of 0, 1, 2, …")
-    chosen = [_split(name) for name in names]
+    chosen = [scene_and_cameras(name) for name in names]
     own = parse(WebcamsSettings, settings or {}, where="settings of webcams")
     result: dict[str, Any] = {"seeds": list(seeds), "scenes": {}, "clips": {}}
     for name, (scene, cameras) in zip(names, chosen, strict=True):
@@ -107,6 +107,8 @@ def evaluate(
             runs.append(msgspec.to_builtins(score_scene(crowd_scene(scene, seed=seed, cameras=cameras), own)))
         result["scenes"][name] = {"mean": _mean(runs), "runs": runs}
     if data is not None:
+        films = {"time_sd_s": numbered_time_sd_s(POSE2SIM_HZ), **(settings or {})}
+        own = parse(WebcamsSettings, films, where="settings of webcams")
         for name in CLIPS:
             on_run(name)
             result["clips"][name] = msgspec.to_builtins(score_clip(pose2sim_clip(data, name), own))
@@ -199,7 +201,12 @@ def _tracker(rig: CameraRig, settings: WebcamsSettings | None) -> WebcamsTracker
     return WebcamsTracker(rig, settings, sensors_expected=len(rig.cameras))
 
 
-def _split(name: str) -> tuple[str, int | None]:
+def scene_and_cameras(name: str) -> tuple[str, int | None]:
+    """Return the scene of a name with ``/N``, and the number of cameras; None for the scene's.
+
+    Raises:
+        SettingsError: an unknown scene, or no number of cameras.
+    """
     scene, _, cameras = name.partition("/")
     if scene not in crowd_names():
         raise SettingsError(f"unknown scene {scene!r}; known: {one_of(scene, crowd_names())}")
