@@ -258,6 +258,7 @@ def test_outlines_by_hand_are_drawn_with_their_holes(silhouettes: Any) -> None:
         *(
             "arm_fusion",
             "arm_misdetections",
+            "arm_variety",
             "articulated",
             "calibration",
             "calibration_floor",

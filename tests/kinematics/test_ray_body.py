@@ -54,6 +54,19 @@ def test_children_and_tall_people_are_found_at_once_and_their_bones_learnt(seed:
     assert bone_lengths(body.model, body.pose)[thigh] == pytest.approx(true, rel=0.03)
 
 
+@pytest.mark.parametrize("begun", [1.25, 2.4])
+def test_a_body_begun_with_a_wrong_size_gets_the_right_one_within_a_second(begun: float) -> None:
+    body, hip = RayBody(), HALPE.index("Hip")
+    truth = path(4, 45)
+    wrong = truth[:4, hip, None] + begun / 1.75 * (truth[:4] - truth[:4, hip, None])
+    found = follow(np.concatenate([wrong, truth[4:]]), around(4), 0.003, 4, body=body)
+    assert body.pose is not None
+    thigh = HALPE.index("LKnee")
+    true = np.linalg.norm(truth[0, thigh] - truth[0, HALPE.index("LHip")])
+    assert bone_lengths(body.model, body.pose)[thigh] == pytest.approx(true, rel=0.2)
+    assert errors(found, truth)[-5:].mean() < 0.02
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("cameras", "most_m"), [(2, 0.018), (4, 0.0135), (8, 0.011)])
 def test_covariances_are_those_of_the_errors(cameras: int, most_m: float) -> None:
@@ -327,6 +340,23 @@ def test_one_camera_alone_begins_nobody_nor_do_cameras_in_one_place() -> None:
         found = follow(truth, centres, 0.002, 12, body=body)
         assert not any(estimate.known for estimate in found)
         assert body.pose is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("apart", [1, 2])
+def test_crossing_rays_of_two_cameras_in_turn_triangulate(apart: int) -> None:
+    """Two cameras in turn know the body better than one; opposite ones see along the same line, and do not."""
+    truth, centres = path(4, 90, speed=0.3), around(4)
+
+    def in_turn(k: int, seen: Int64, directions: Float64, cameras: Int64) -> tuple[Int64, Float64, Bool]:
+        return seen, directions, (cameras == apart * (k % 2)) | (k < 30)
+
+    def one(k: int, seen: Int64, directions: Float64, cameras: Int64) -> tuple[Int64, Float64, Bool]:
+        return seen, directions, (cameras == 0) | (k < 30)
+
+    turns, alone = (follow(truth, centres, 0.003, 4, change=change)[-1] for change in (in_turn, one))
+    ratio = np.trace(turns.covariances, axis1=1, axis2=2).mean() / np.trace(alone.covariances, axis1=1, axis2=2).mean()
+    assert (ratio < 0.3) == (apart == 1)
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:

@@ -246,6 +246,46 @@ def test_a_mapping_that_cannot_be_used_is_refused(old: str, new: str, message: s
         topology_from_toml(MAPPED.replace(old, new), "arm")
 
 
+SHIFTED = (
+    MAPPED.replace("{ Root = 0.25, L = 0.75 }", '"L"').replace("{ Root = 0.25, R = 0.75 }", '"R"')
+    + """
+[shift.kinect_v2]
+HandLeft = { towards = "Root", share = 0.1 }
+HandRight = { towards = "Root", share = 0.1 }
+"""
+)
+
+
+def test_a_joint_is_shifted_towards_another_one() -> None:
+    v2, arm = topology("kinect_v2"), topology_from_toml(SHIFTED, "arm")
+    root = (arm.index("Root"), 0.1)
+    assert arm.shifts == {"kinect_v2": {v2.index("HandLeft"): root, v2.index("HandRight"): root}}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('HandLeft = { towards = "Root"', 'SpineMid = { towards = "Root"', "shift.kinect_v2 names 'SpineMid'; single"),
+        ('HandLeft = { towards = "Root"', 'HandLeft = { towards = "Roof"', r"'Roof'.*did you mean Root\?"),
+        (
+            '{ towards = "Root", share = 0.1 }\nHandR',
+            '{ towards = "Root", share = 0.4 }\nHandR',
+            "HandLeft is 0.4.*0.3",
+        ),
+        ('{ towards = "Root", share = 0.1 }\nHandR', '{ towards = "Root", share = nan }\nHandR', "HandLeft is nan"),
+        (
+            '{ towards = "Root", share = 0.1 }\nHandR',
+            '{ towards = "Root", share = 0.2 }\nHandR',
+            "than its mirror image",
+        ),
+    ],
+)
+def test_a_shift_that_cannot_be_used_is_refused(old: str, new: str, message: str) -> None:
+    assert SHIFTED.count(old) == 1
+    with pytest.raises(SettingsError, match=message):
+        topology_from_toml(SHIFTED.replace(old, new), "arm")
+
+
 def test_single_joints_of_a_mapping_leave_out_means_of_several_joints() -> None:
     kinect, coco = topology("kinect_v2"), topology("coco_17")
     assert coco.single_joints("halpe_26") == {k: k for k in range(17)}

@@ -324,13 +324,13 @@ def test_what_a_sensor_has_seen_moves_with_its_place_as_that_becomes_better_know
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     moved: dict[str, np.ndarray] = {}
-    move_sensor = People.move_sensor
+    move_sensors = People.move_sensors
 
-    def note(people: People, sensor: str, T_new_old: np.ndarray) -> None:
-        moved[sensor] = T_new_old
-        move_sensor(people, sensor, T_new_old)
+    def note(people: People, sensors: Sequence[str], T_new_old: np.ndarray) -> None:
+        moved.update(zip(sensors, T_new_old, strict=True))
+        move_sensors(people, sensors, T_new_old)
 
-    monkeypatch.setattr(People, "move_sensor", note)
+    monkeypatch.setattr(People, "move_sensors", note)
     off = SIDE.copy()
     off[:3, 3] += (0.08, 0.03, -0.05)
     tracker, moves, before = told({"front": FRONT, "side": off}), 0, None

@@ -195,6 +195,24 @@ def test_faults_of_a_detector_do_no_harm(fault: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_person_begun_with_left_and_right_exchanged_above_the_hips_recovers() -> None:
+    mirror = np.array(HALPE.mirror)
+    upper = np.array([name.endswith(("Shoulder", "Elbow", "Wrist")) for name in HALPE.joints])
+
+    def exchanged(name: str, at_s: float, px: Float64, sure: Float64) -> tuple[Float64, Float64]:
+        first = upper & (at_s < 0.2)
+        return px[:, np.where(first, mirror, np.arange(26))], sure
+
+    one = [person(circling(0.8, 6))]
+    scenes = last_of_each(run(WebcamsTracker(FOUR), frames(FOUR, one, seconds=2.0, fault=exchanged)))
+    shoulder = HALPE.index("LShoulder")
+    assert scenes[-1].people[0].id == 0
+    true = one[0](scenes[-1].at_ns / 1e9 - 1.0)
+    assert true is not None
+    assert np.linalg.norm(scenes[-1].people[0].positions[shoulder] - true[shoulder]) < 0.08
+
+
+@pytest.mark.slow
 def test_cameras_of_other_clocks_and_rates_track_together() -> None:
     arrivals = frames(
         FOUR, PAIR, seconds=3.0, offsets_s={"cam-1": 0.007, "cam-2": 0.015, "cam-3": 0.024},

@@ -10,7 +10,7 @@ from mocapella.association.keypoint_rays import Matches, Rays
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.tracker.webcams import WebcamsTracker
 from mocapella.tracker.webcams_cameras_kernels import MISSED_WEIGHT, WELL_KNOWN, count_refuting
-from mocapella.tracker.webcams_errors_kernels import LEAST_GAIN, follow_unpredicted, variance_ahead, widen
+from mocapella.tracker.webcams_errors_kernels import LEAST_GAIN, follow_unpredicted, stated_variance, widen
 from mocapella.tracker.webcams_memory import no_counts, no_people
 from mocapella.tracker.webcams_people_kernels import forget, refuting
 from mocapella.tracker.webcams_warmup import circle_of_cameras, seen_people, standing_person
@@ -66,15 +66,21 @@ def test_a_predicted_variance_follows_the_errors_of_earlier_predictions() -> Non
     people.support[0] = 2
     people.covariances[0] = 0.01**2 * np.eye(3)
     wide = 0.2**2 * np.eye(3)
-    assert variance_ahead(people, 0, 4, 0.05, wide) == pytest.approx(0.2**2)  # no prediction was compared yet
+    assert stated_variance(people, 0, 4, 1.0, 0.05, wide, True) == pytest.approx(
+        0.2**2
+    )  # no prediction was compared yet
     random = np.random.default_rng(1)
     for _ in range(400):
         follow_unpredicted(people, 0, 0.1, random.normal(scale=0.03, size=(26, 3)))
-    ahead = np.array([variance_ahead(people, 0, j, 0.05, wide) for j in range(26)])
+    ahead = np.array([stated_variance(people, 0, j, 1.0, 0.05, wide, True) for j in range(26)])
     assert np.sqrt(ahead.mean()) == pytest.approx(np.hypot(0.01, 0.015), rel=0.1)
-    assert variance_ahead(people, 0, 4, 0.05, 0.005**2 * np.eye(3)) == pytest.approx(0.005**2)
-    people.support[0] = 1
-    assert variance_ahead(people, 0, 4, 0.05, wide) == pytest.approx(0.2**2)
+    assert stated_variance(people, 0, 4, 1.0, 0.05, 0.005**2 * np.eye(3), True) == pytest.approx(0.005**2)
+    assert stated_variance(people, 0, 4, 1.0, 0.05, wide, False) == pytest.approx(0.2**2)
+    people.support[0], people.measured_s[0], people.measured_variances[0] = 1, 0.95, 0.02**2
+    one = np.array([stated_variance(people, 0, j, 1.0, 0.05, wide, True) for j in range(26)])
+    assert np.sqrt(one.mean()) == pytest.approx(np.hypot(0.02, 0.03), rel=0.1)  # 0.1 s after two cameras agreed
+    people.support[0] = 0
+    assert stated_variance(people, 0, 4, 1.0, 0.05, wide, True) == pytest.approx(0.2**2)
     before = people.unpredicted.copy()
     follow_unpredicted(people, 0, 0.0, np.zeros((26, 3)))
     follow_unpredicted(people, 0, 0.1, np.full((26, 3), np.nan))

@@ -140,3 +140,14 @@ def test_a_camera_that_sees_only_strangers_is_doubted_if_others_see_people(
     assert (tracker._counts.spread[0] > before[0]) == grows
     assert tracker._counts.spread[0] <= 12.0
     assert tracker._counts.spread[3] == before[3]
+
+
+def test_a_body_with_left_and_right_exchanged_above_the_hips_is_twisted() -> None:
+    from mocapella.tracker.webcams_bodies_kernels import SHOULDERS, twisted
+
+    body = standing_person()
+    assert not twisted(body)
+    body[SHOULDERS] = body[SHOULDERS[::-1]]
+    assert twisted(body)
+    body[SHOULDERS] = np.nan
+    assert not twisted(body)

@@ -17,6 +17,7 @@ from mocapella.tracker.webcams_people_kernels import learn_heights, refuting
 from mocapella.tracker.webcams_rig_kernels import (
     MOST_LATE_S,
     MOST_TURNED_RAD,
+    add_late,
     direction_error,
     time_error,
     variance_factor,
@@ -81,12 +82,49 @@ def test_a_good_rig_is_not_corrected() -> None:
 def test_corrections_are_limited() -> None:
     counts = no_counts(2)
     counts.aside[0] = [1e3, -1e3, 10.0]
-    counts.late[1] = [1e9, 1.0]
+    counts.late[1, :7] = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1e9]
     assert direction_error(counts, 0, 0) == MOST_TURNED_RAD
     assert direction_error(counts, 0, 1) == -MOST_TURNED_RAD
     assert direction_error(counts, 1, 0) == 0.0
     assert time_error(counts, 1) == MOST_LATE_S
     assert time_error(counts, 0) == 0.0
+
+
+def test_people_who_walk_one_way_past_a_turned_camera_are_not_seen_late() -> None:
+    """A residual that does not change with the motion is of the direction; one that does is of the time."""
+    turned_rad, late_s, speed = 0.02, 0.04, 0.3
+    one_way, both_ways, standing = (no_counts(1) for _ in range(3))
+    for counts, ways in ((one_way, (1.0, 1.0)), (both_ways, (1.0, -1.0)), (standing, (1.0, 0.0))):
+        for way in ways:
+            residual, motion = turned_rad + (0.0 if counts is one_way else late_s * speed * way), speed * way
+            sums = np.array([0, 0, 1, residual, 0, motion, 0, motion**2, residual * motion]) * 1e6
+            add_late(counts.late[0], 1.0, sums, 0.0, 0.0, 0.0)
+    assert abs(time_error(one_way, 0)) < 0.1 * turned_rad / speed
+    assert time_error(both_ways, 0) == pytest.approx(late_s, rel=0.05)
+    assert time_error(standing, 0) == pytest.approx(late_s, rel=0.05)
+
+
+def test_times_are_followed_as_far_as_they_are_uncertain() -> None:
+    found = []
+    for sd_s in (0.0, 0.005, 0.03, 1.0):
+        counts = no_counts(1, sd_s)
+        counts.late[0, :7] = [1e6, 0.0, 0.0, 2e4, 0.0, 0.0, 2e4 * 0.05]  # a time error of 50 ms
+        found.append(time_error(counts, 0))
+    assert found[0] == pytest.approx(0.0, abs=1e-6)
+    assert found == sorted(found)
+    assert found[1] == pytest.approx(0.05 / 3)
+    assert found[3] == pytest.approx(0.05, rel=0.01)
+
+
+def test_corrected_rays_give_the_same_time_as_uncorrected_ones() -> None:
+    plain, corrected = np.zeros(8), np.zeros(8)
+    weight, m, e = 2.0, np.array([0.3, -0.1]), np.array([0.01, 0.004])
+    right, down, late_s = 0.003, -0.002, 0.02
+    off = e - [right, down] - late_s * m
+    for late, own, turned_by in ((plain, e, (0.0, 0.0, 0.0)), (corrected, off, (right, down, late_s))):
+        sums = weight * np.array([0, 0, 1, *own, *m, m @ m, own @ m])
+        add_late(late, 1.0, sums, *turned_by)
+    np.testing.assert_allclose(corrected, plain, rtol=1e-12)
 
 
 def test_late_frames_begin_no_third_person() -> None:

@@ -45,8 +45,9 @@ class MemoryLayout(NamedTuple):
             deviations, limited to ±2 a frame.
         slack: (joints,) angle added to the limits of each joint [rad].
         demands: (joints,) recent average of the angle that a joint's limits held it back in a frame [rad].
-        ages: (joints, 4) for how long each joint has not been triangulated [s], and its last innovation, in standard
-            deviations; only in bodies that are measured by rays.
+        ages: (2, joints, 4) for how long each joint has not been triangulated [s], and its last innovation, in standard
+            deviations; then the age of the last ray that saw the joint alone [s], NaN without, and its direction. Only
+            in bodies that are measured by rays.
         contacts: (contacts, 6) last position of each joint that may touch the floor, such as a foot, world [m], and its
             smoothed velocity [m/s].
         jumps: (joints, 4) the last innovation [m], NaN where the joint was not measured, and the noise variance of a
@@ -96,7 +97,7 @@ def memory_layout(dofs: int, balls: int, joints: int, lengths: int, contacts: in
         lengths,
         joints,
         joints,
-        4 * ages,
+        8 * ages,
         6 * contacts,
         4 * joints,
     ):

@@ -149,9 +149,9 @@ def move_bodies(model: ArticulatedModel, memory: Float64, T_new_old: Float64) ->
         T_new_old: (4, 4) rigid motion from the old to the new world.
     """
     own = model.layout
-    # Of a body of rays, only its innovations are vectors of the world; offsets are in the bones' frames.
-    innovations = own._replace(contacts=own.ages + 1, jumps=own.ages + 1, size=own.ages + 4 * own.joints)
-    _kernels().move(innovations, memory, np.ascontiguousarray(T_new_old, dtype=np.float64))
+    # Only innovations and last directions are vectors of the world; offsets are in the bones' frames.
+    vectors = own._replace(contacts=own.ages + 1, jumps=own.ages + 1, size=own.ages + 8 * own.joints)
+    _kernels().move(vectors, memory, np.ascontiguousarray(T_new_old, dtype=np.float64))
 
 
 def _rows(values: Any, n: int, name: str) -> Float64:

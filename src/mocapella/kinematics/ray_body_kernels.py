@@ -29,10 +29,12 @@ from mocapella.kinematics.ray_learning_kernels import (
     MOST_AGED,
     add_age,
     age_joints,
+    aged_variance,
     follow_restlessness,
     judge,
     learn_lengths,
     learn_offsets,
+    resize,
     turn_offsets,
 )
 from mocapella.kinematics.ray_point_kernels import RAY, agree
@@ -109,7 +111,7 @@ def predict_body(model: BodyArrays, row: Float64, at_s: float, positions: Float6
         _write_covariance(C, j, positions, covariances)
         for k in range(3):
             positions[j, k] += origin[k] + offsets[j, k]
-            covariances[j, k, k] += offsets[j, 3] + min(AGING * work[layout.ages + 4 * j], MOST_AGED)
+            covariances[j, k, k] += offsets[j, 3] + aged_variance(work[layout.ages + 4 * j])
     return True
 
 
@@ -201,6 +203,8 @@ def correct_by_rays(
     if seen > 0:
         _learn(model, row, dt, known, surprise / seen, 2 * triangulated(sight) > seen, R, work, total, posterior, body)
         row[at.SEEN] = row[at.AT]
+        if known:
+            resize(model, row, dt, sight)
         judge(model.parameters.lost_m, row, sight, positions)
         yield_limits(model, row, dt, excess)
     if not _is_finite(layout, row, posterior):
@@ -295,6 +299,7 @@ def _begin(
         o = model.layout.jumps + 4 * j
         row[o] = row[o + 1] = row[o + 2] = 0.0
         row[o + 3] = model.joint_values[j, 11]
+        row[model.layout.ages + 4 * (n + j)] = math.nan
     return True
 
 

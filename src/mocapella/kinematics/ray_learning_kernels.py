@@ -18,7 +18,7 @@ from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.kinematics.articulated_pose_kernels import CALMING
 from mocapella.kinematics.articulated_yield_kernels import yield_length
 from mocapella.kinematics.ray_point_kernels import NU, invert, student
-from mocapella.kinematics.ray_sight_kernels import Sight, gather
+from mocapella.kinematics.ray_sight_kernels import UNSURE_SPEED, Sight, gather
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -30,6 +30,16 @@ LENGTH_PRIOR_S = 0.1
 """Weight of the template's proportions in a bone's length, as a duration of measurement [s]."""
 LENGTH_SD = 0.03
 """Standard deviation of a measured length that counts in full for learning [m]."""
+LONG_BONE = 0.14
+"""Least length of a bone that tells the size of the body, as a fraction of stature."""
+LEAST_LONG = 3
+"""Least number of such bones."""
+WRONG_SIZE = 0.1
+"""Logarithm of the ratio of measured and modelled lengths beyond which the size of the body is wrong."""
+RESIZING_S = 0.2
+"""Time constant of the correction of a wrong size by exact joints [s]."""
+NOISY_SHARE = 0.01
+"""Variance of a measured length, relative to the squared length, that doubles this time constant."""
 OFFSET_S = 1.0
 """Time constant of the offset of a keypoint from its joint of the chain [s]."""
 MEAN_DISTANCE = 1.6
@@ -46,6 +56,8 @@ AGING = 0.04
 """Growth of a joint's variance along the ray of its only camera, and along each axis if no camera sees it [m²/s]."""
 MOST_AGED = 0.16
 """Largest such variance [m²]."""
+LEAST_CROSSING = 0.25
+"""Least squared sine of the angle between two rays of different instants that triangulate a joint together."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -139,6 +151,47 @@ def learn_lengths(model: BodyArrays, row: Float64, dt: float, R: Float64, M: Flo
 
 
 @njit(cache=True, error_model="numpy")
+def resize(model: BodyArrays, row: Float64, dt: float, sight: Sight) -> None:
+    """Scale all bone lengths together if the triangulated joints show a body of another size.
+
+    A body that began from wrong rays has a wrong size. Its joints then bend until they fit the rays, and leave hardly
+    any force on the bones, so `learn_lengths` corrects the size slowly. The median over the long bones, whose two ends
+    are triangulated, of the logarithm of measured over modelled length is not affected by the pose.
+
+    Args:
+        model: the body model.
+        row: (memory_size,) the body's memory; the lengths are changed.
+        dt: time since the last update [s].
+        sight: the frame's rays.
+    """
+    layout, joint_table, points = model.layout, model.joint_table, sight.points
+    ratios, noises, count = np.empty(layout.joints), np.empty(layout.joints), 0
+    for j in range(layout.joints):
+        parent = joint_table[j, 0]
+        if parent < 0 or joint_table[j, 4] < 0 or model.joint_values[j, 3] < LONG_BONE:
+            continue
+        if sight.agreeing[j] < 2 or sight.agreeing[parent] < 2:
+            continue
+        square, length = 0.0, row[layout.bones + joint_table[j, 4]]
+        for k in range(3):
+            square += (points[j, k] - points[parent, k]) ** 2
+        noise = points[j, 3] + points[j, 6] + points[j, 8] + points[parent, 3] + points[parent, 6] + points[parent, 8]
+        square = max(square - noise, 0.01 * length * length)  # noise makes measured bones longer
+        ratios[count] = 0.5 * math.log(square / (length * length))
+        noises[count] = noise / (3.0 * length * length)
+        count += 1
+    if count < LEAST_LONG:
+        return
+    values, spreads = np.sort(ratios[:count]), np.sort(noises[:count])
+    ratio = 0.5 * (values[(count - 1) // 2] + values[count // 2])
+    if abs(ratio) > WRONG_SIZE:
+        slow = RESIZING_S * (1.0 + spreads[count // 2] / NOISY_SHARE)
+        scale = math.exp(ratio * (1.0 - math.exp(-dt / slow)))
+        for i in range(layout.lengths):
+            row[layout.bones + i] *= scale
+
+
+@njit(cache=True, error_model="numpy")
 def _keep_proportions(layout: MemoryLayout, joint_table: Int64, joint_values: Float64, row: Float64) -> None:
     """Scale the lengths that are hardly learnt to the stature of the learnt ones."""
     total = stature = 0.0
@@ -221,11 +274,42 @@ def judge(lost_m: float, row: Float64, sight: Sight, positions: Float64) -> None
 
 
 @njit(cache=True, error_model="numpy")
+def aged_variance(age: float) -> float:
+    """Return by how much a joint's variance grows in the time since it was triangulated [m²]; 0 for an unknown time.
+
+    For a short time it is the error of the predicted speed that counts, as of rays of another instant.
+    """
+    if not age > 0.0:
+        return 0.0
+    return min((UNSURE_SPEED * age) ** 2, AGING * age, MOST_AGED)
+
+
+@njit(cache=True, error_model="numpy")
 def age_joints(layout: MemoryLayout, row: Float64, dt: float, sight: Sight) -> None:
-    """Update in a memory row for how long each joint has not been triangulated."""
+    """Update in a memory row for how long each joint has not been triangulated.
+
+    Two rays of different instants triangulate a joint, too, if they cross (`LEAST_CROSSING`): cameras that see a body
+    in turn. The joint is then as old as the earlier ray.
+    """
     for j in range(layout.joints):
-        age = layout.ages + 4 * j
-        row[age] = 0.0 if sight.agreeing[j] >= 2 else row[age] + dt
+        age, view = layout.ages + 4 * j, layout.ages + 4 * (layout.joints + j)
+        row[age] += dt
+        row[view] += dt
+        if sight.agreeing[j] >= 2:
+            row[age], row[view] = 0.0, math.nan
+            continue
+        for i in range(sight.first[j], sight.first[j + 1]):
+            k, cosine = sight.order[i], 0.0
+            if not sight.weights[k] > AGREES:
+                continue
+            for m in range(3):
+                cosine += sight.rays[k, 3 + m] * row[view + 1 + m]
+            if row[view] >= 0.0 and 1.0 - cosine * cosine >= LEAST_CROSSING:
+                row[age] = min(row[age], row[view])
+            row[view] = 0.0
+            for m in range(3):
+                row[view + 1 + m] = sight.rays[k, 3 + m]
+            break
 
 
 @njit(cache=True, error_model="numpy")
@@ -235,7 +319,7 @@ def add_age(sight: Sight, j: int, positions: Float64, age: float, covariances: F
     The covariances of the filter do not know it: correlations of the degrees of freedom are lost between frames, so the
     same ray seems to tell something new each time. Across a ray that agrees, the joint stays as sure.
     """
-    extra = min(AGING * age, MOST_AGED)
+    extra = aged_variance(age)
     if not extra > 0.0:
         return
     for i in range(3):

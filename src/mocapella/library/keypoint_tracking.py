@@ -23,6 +23,7 @@ from mocapella.model.camera_rig_file import encode_camera_rig
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival
 from mocapella.model.scene import Scene
+from mocapella.tracker.webcams_settings import numbered_time_sd_s
 
 Float64 = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -85,6 +86,15 @@ def arrivals_of(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig) -
     return sorted(found, key=lambda arrival: (arrival.at_ns, arrival.frame.sensor))
 
 
+def _times_of(arrivals: Sequence[Arrival]) -> dict[str, float]:
+    """Return the setting ``time_sd_s`` for frames that have equal times in all cameras: films, by number; else none."""
+    times, cameras = np.unique([one.at_ns for one in arrivals], return_counts=True)
+    if len(times) < 2 or np.median(cameras) < 2:
+        return {}
+    period_s = float(np.median(np.diff(times))) / NS_PER_S
+    return {"time_sd_s": numbered_time_sd_s(1.0 / period_s)}
+
+
 def track_arrivals(
     arrivals: Iterable[Arrival],
     rig: CameraRig,
@@ -101,7 +111,7 @@ def track_arrivals(
         rig: the cameras, with y up.
         source: named as the recording's path if no take is written.
         record: new take to write; None for none.
-        settings: settings of the method.
+        settings: settings of the method; ``time_sd_s`` is that of films if the frames have equal times in all cameras.
         progress: called with a line about the progress.
 
     Returns:
@@ -113,7 +123,7 @@ def track_arrivals(
         TakeExistsError, DiskFullError, RecordingError: the take cannot be written.
     """
     given = list(arrivals)
-    values = {**(settings or {}), "rig": encode_camera_rig(rig)}
+    values = {**_times_of(given), **(settings or {}), "rig": encode_camera_rig(rig)}
     recording = GivenFrames(given, Changes(METHOD, values))
     scenes: list[Scene] = []
 

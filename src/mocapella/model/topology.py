@@ -29,6 +29,11 @@ MOST_WEIGHT: Final = 4.0
 Weights = Mapping[int, Mapping[int, float]]
 """Index of a joint of another topology → index of each contributing joint → its weight."""
 
+Shifts = Mapping[int, tuple[int, float]]
+"""Index of a joint of another topology → index of the joint that it is shifted towards, and the share of the way."""
+MOST_SHIFT: Final = 0.3
+"""Largest share of the way to another joint that a joint is shifted [ratio]."""
+
 
 @dataclass(frozen=True)
 class Topology:
@@ -45,6 +50,8 @@ class Topology:
         scale_sd: standard deviation of the size of their skeletons, which changes with the posture [ratio].
         mappings: weights by the name of another topology: each of its joints that this one determines is a weighted
             mean of this one's joints. Weights of a joint sum to 1; they may be negative.
+        shifts: by the name of another topology: its joints that are not exactly at the single joint of the mapping, but
+            a share of the way from it to another joint, as detectors define some joints differently.
     """
 
     name: str
@@ -56,6 +63,7 @@ class Topology:
     noise: float = 1.0
     scale_sd: float = 0.0
     mappings: Mapping[str, Weights] = field(default_factory=dict)
+    shifts: Mapping[str, Shifts] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -89,6 +97,11 @@ class Topology:
         return {name: i for i, name in enumerate(self.joints)}
 
 
+class _Shift(msgspec.Struct, forbid_unknown_fields=True):
+    towards: str
+    share: float
+
+
 class _TopologyFile(msgspec.Struct, forbid_unknown_fields=True):
     """Content of a topology's TOML file; see docs/sensors.md."""
 
@@ -100,6 +113,7 @@ class _TopologyFile(msgspec.Struct, forbid_unknown_fields=True):
     noise: float = 1.0
     scale_sd: float = 0.0
     mapping: dict[str, dict[str, str | dict[str, float]]] = {}
+    shift: dict[str, dict[str, _Shift]] = {}
 
 
 def topology_from_toml(text: str, name: str) -> Topology:
@@ -109,7 +123,7 @@ def topology_from_toml(text: str, name: str) -> Topology:
         InputError: the text is no TOML, or a field is missing, unknown or of another type.
         SettingsError: a bone, pair or mapping names an unknown joint, there is no root, the bones are not a tree from
             it, a joint has two mirror images, the field of view, noise or size is impossible, or a mapping's weights do
-            not sum to 1 or differ between left and right.
+            not sum to 1 or differ between left and right; or a shift has no single joint in the mapping.
     """
     file = convert(decode_toml(text), _TopologyFile, what=f"topology {name}")
     joints = tuple(file.joints)
@@ -149,7 +163,8 @@ def topology_from_toml(text: str, name: str) -> Topology:
     check(0 <= file.scale_sd < 0.5, f"topology {name}: scale_sd", file.scale_sd, "from 0 to below 0.5")
     made = Topology(name, joints, bones, tuple(mirror), parts, (across, high), file.noise, file.scale_sd)
     mappings = {other: weights_from_table(made, topology(other), table) for other, table in file.mapping.items()}
-    return replace(made, mappings=mappings)
+    made = replace(made, mappings=mappings)
+    return replace(made, shifts={other: _shifts(made, topology(other), table) for other, table in file.shift.items()})
 
 
 def weights_from_table(own: Topology, other: Topology, table: Mapping[str, Any]) -> Weights:
@@ -177,6 +192,23 @@ def weights_from_table(own: Topology, other: Topology, table: Mapping[str, Any])
         if weights.get(other.mirror[target]) != mirrored:
             raise SettingsError(f"{where}: {other.joints[target]} has other weights than its mirror image")
     return weights
+
+
+def _shifts(own: Topology, other: Topology, table: Mapping[str, _Shift]) -> Shifts:
+    """Return the shifts of the joints of ``other``, from a table of a TOML file; see `topology_from_toml`."""
+    where, single = f"topology {own.name}: shift.{other.name}", own.single_joints(other.name)
+    known, found = [other.joints[joint] for joint in single], dict[int, tuple[int, float]]()
+    for joint, shift in table.items():
+        if joint not in known:
+            raise SettingsError(f"{where} names {joint!r}; single joints of the mapping are {one_of(joint, known)}")
+        if shift.towards not in own.joints:
+            raise SettingsError(f"{where} names {shift.towards!r}; joints are {one_of(shift.towards, own.joints)}")
+        check(0 < shift.share <= MOST_SHIFT, f"{where}.{joint}", shift.share, f"above 0 and at most {MOST_SHIFT:g}")
+        found[other.index(joint)] = own.index(shift.towards), shift.share
+    for target, (towards, share) in found.items():
+        if found.get(other.mirror[target]) != (own.mirror[towards], share):
+            raise SettingsError(f"{where}: {other.joints[target]} has another shift than its mirror image")
+    return found
 
 
 @cache

@@ -120,12 +120,19 @@ class Instants:
         since = self._last_ns
         return {name: one.at_ns for name, one in self._open.items() if since is None or one.at_ns > since}
 
-    def _close(self) -> CameraInstant:
+    def collected(self) -> CameraInstant | None:
+        """Return the next instant with the frames that it has so far; None without a frame newer than the last one."""
+        return self._gathered() if self._fresh() else None
+
+    def _gathered(self) -> CameraInstant:
         at_ns = max(one.at_ns for one in self._open.values())
         if self._last_ns is not None:
             at_ns = max(at_ns, self._last_ns)
-        instant = CameraInstant(at_ns, dict(sorted(self._open.items())))
-        self._open, self._last_ns = {}, at_ns
+        return CameraInstant(at_ns, dict(sorted(self._open.items())))
+
+    def _close(self) -> CameraInstant:
+        instant = self._gathered()
+        self._open, self._last_ns = {}, instant.at_ns
         return instant
 
 

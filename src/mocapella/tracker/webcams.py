@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.hand_keypoints import hand_sources
-from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, sources_named
+from mocapella.association.keypoint_rays import JOINTS, CameraArrays, Matches, Rays, halpe_keypoints, sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, WireError
 from mocapella.geometry.lens import farthest_r2
@@ -57,7 +57,7 @@ from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
 from mocapella.tracker.webcams_identity import Identities, LostPerson, ready
 from mocapella.tracker.webcams_markers import MEMORY as MARKERS_MEMORY
 from mocapella.tracker.webcams_markers import HandMarkers
-from mocapella.tracker.webcams_memory import CANDIDATE, no_counts, no_people
+from mocapella.tracker.webcams_memory import CANDIDATE, CameraCounts, PeopleArrays, no_counts, no_people
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
 Float32 = NDArray[np.float32]
@@ -68,6 +68,8 @@ APART_M: Final = 0.05
 """Two cameras nearer than this see no distance [m]."""
 ALONE_S: Final = 0.25
 """Time without agreement of two cameras after which a person's condition tells so [s]."""
+AHEAD_S: Final = 0.05
+"""Time since the last instant from which a scene also uses the frames that the next instant has so far [s]."""
 LOOK_EVERY: Final = 2
 """Number of instants from one search for strangers, in the next camera's image, to the next."""
 
@@ -134,6 +136,11 @@ class WebcamsTracker:
         if self._own is not None:
             self._places = self._own.places(self._places)
 
+    def _time_sds_s(self) -> Float64:
+        """Return the standard deviations (cameras,) of the cameras' times: the setting's, or smaller ones if stated."""
+        stated = np.full(len(self._names), self.settings.time_sd_s)
+        return stated if self._own is None else np.minimum(stated, self._own.time_sds_s(self._names))
+
     def _set_no_rig(self) -> None:
         """Wait for the cameras' own calibration."""
         self.rig, self._names, self._column, self._places = CameraRig({}), [], {}, ()
@@ -150,7 +157,7 @@ class WebcamsTracker:
             self._hands.forget_hands()
             self._forget_people()
             self._state = TrackerState(Phase.WAITING_FOR_SENSORS, self._sensors_expected)
-        self._counts = no_counts(len(self._names))
+        self._counts = no_counts(len(self._names), self._time_sds_s())
 
     def use_rig(self, rig: CameraRig, reason: str) -> None:
         """Replace the rig, such as by a newer calibration; people are found anew, with new numbers.
@@ -186,7 +193,7 @@ class WebcamsTracker:
 
     def _forget_people(self) -> None:
         self._people = no_people(self._row, len(self._names))
-        self._counts = no_counts(len(self._names))
+        self._counts = no_counts(len(self._names), self._time_sds_s())
         self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
         self._partial, self._looks = False, 0
         self._scene_of: tuple[int, tuple[Person, ...], tuple[TrackedHand, ...], tuple[SensorPlace, ...]] | None = None
@@ -322,20 +329,12 @@ class WebcamsTracker:
 
     def _track(self, instant: CameraInstant) -> None:
         """Track one instant, and give new people their numbers."""
-        s, people, at_s = self.settings, self._people, instant.at_ns / NS_PER_S
+        s, people, kernels, at_s = self.settings, self._people, self._kernels, instant.at_ns / NS_PER_S
         pixels, rays, delivered = self._rays(instant)
-        count = len(pixels)
-        matches = Matches(
-            np.full(count, -1, dtype=np.int64), np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64),
-            np.full(count, np.nan),
-        )  # fmt: skip
-        gone = np.zeros(len(people.ids), dtype=np.bool_)
-        agreed = np.zeros((len(people.ids), len(self._names)), dtype=np.bool_)
-        kernels = self._kernels
-        kernels.track_instant(
-            self._model, people, at_s, pixels, rays, self._cameras, float(s.association.joint_sd),
-            float(s.association.least_sd_px), self._gates, self._limits, matches, self._counts, delivered, agreed, gone,
-        )  # fmt: skip
+        self._at_s, self._partial = at_s, self._lacks_frames(instant)
+        matches, agreed, gone = self._correct(
+            at_s, pixels, rays, delivered, incomplete=self._partial, people=people, counts=self._counts
+        )
         for row in np.flatnonzero(gone).tolist():
             if people.ids[row] >= 0:
                 self._identities.lose(people, row)
@@ -346,11 +345,48 @@ class WebcamsTracker:
                 self._identities.confirm(people, row, at_s, agreed, kernels.forget)
         self._look_for_strangers(pixels, rays, delivered)
         self._hands.update(instant, matches, people, self._markers.take(instant.at_ns, self._column))
-        self._at_s, self._partial = at_s, len(instant.frames) < len(self._instants.active())
         if math.isnan(self._began_s):
             self._began_s = at_s
         if (people.ids >= 0).any():
             self._shown_s = at_s
+
+    def _correct(
+        self, at_s: float, pixels: Float64, rays: Rays, delivered: Bools, *, incomplete: bool, people: PeopleArrays,
+        counts: CameraCounts,
+    ) -> tuple[Matches, Bools, Bools]:  # fmt: skip
+        """Correct people and counts, in place, by an instant's rays; return matches, who agreed, and who is gone."""
+        association, count = self.settings.association, len(pixels)
+        matches = Matches(
+            np.full(count, -1, dtype=np.int64), np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64),
+            np.full(count, np.nan),
+        )  # fmt: skip
+        gone = np.zeros(len(people.ids), dtype=np.bool_)
+        agreed = np.zeros((len(people.ids), len(self._names)), dtype=np.bool_)
+        self._kernels.track_instant(
+            self._model, people, at_s, pixels, rays, self._cameras, float(association.joint_sd),
+            float(association.least_sd_px), self._gates, self._limits, matches, counts, delivered, incomplete,
+            agreed, gone,
+        )  # fmt: skip
+        return matches, agreed, gone
+
+    def _latest(self) -> tuple[PeopleArrays, float, bool]:
+        """Return the people as of the newest frames, their time [s], and whether active cameras have not delivered.
+
+        Slow or busy cameras complete few instants. Where the next one is late, the people of the last one are copied
+        and corrected by the frames that it has so far; the tracker's own people are corrected once it is complete.
+        """
+        instant = self._instants.collected()
+        if instant is None or not instant.at_ns / NS_PER_S - self._at_s >= AHEAD_S:
+            return self._people, self._at_s, self._partial
+        people = PeopleArrays(**{name: array.copy() for name, array in self._people._asdict().items()})
+        counts = CameraCounts(**{name: array.copy() for name, array in self._counts._asdict().items()})
+        at_s, incomplete = instant.at_ns / NS_PER_S, self._lacks_frames(instant)
+        self._correct(at_s, *self._rays(instant), incomplete=incomplete, people=people, counts=counts)
+        return people, at_s, incomplete
+
+    def _lacks_frames(self, instant: CameraInstant) -> bool:
+        """Tell whether active cameras have no frame in an instant."""
+        return len(instant.frames) < len(self._instants.active())
 
     def _look_for_strangers(self, pixels: Float64, rays: Rays, delivered: Bools) -> None:
         """Compare the detections of one camera, in turn, with the people; in every second instant, to save time."""
@@ -406,22 +442,20 @@ class WebcamsTracker:
 
     def _shown(self, at_s: float) -> tuple[Person, ...]:
         """Return the confirmed people at a time, in the order of their numbers."""
-        people = self._people
+        if not (self._people.ids >= 0).any():
+            return ()
+        people, last_s, partial = self._latest()
         rows = np.flatnonzero(people.ids >= 0)
         count = len(rows)
-        if not count:
-            return ()
         rows = rows[np.argsort(people.ids[rows])]
         positions, sds = np.empty((count, JOINTS, 3)), np.empty((count, JOINTS), dtype=np.float32)
         states = np.empty((count, JOINTS), dtype=np.uint8)
-        ahead_s = at_s - self._at_s
+        ahead_s = at_s - last_s
         if ahead_s > self.settings.unseen_s:
             ahead_s = 0.0
-        self._kernels.show(
-            self._model, people, rows, self._at_s, ahead_s, self._limits, self._partial, positions, sds, states
-        )
+        self._kernels.show(self._model, people, rows, last_s, ahead_s, self._limits, partial, positions, sds, states)
         numbers, views = people.ids[rows].tolist(), people.cameras[rows].tolist()
-        alone = (self._at_s - people.agreed_s[rows] > ALONE_S).tolist()
+        alone = (last_s - people.agreed_s[rows] > ALONE_S).tolist()
         return tuple(
             Person(number, positions[k], states[k], (), sds[k], "", _condition(views[k]) if alone[k] else "")
             for k, number in enumerate(numbers)
@@ -437,11 +471,10 @@ def _of_joints(frames: Sequence[InstantFrame], least: float) -> tuple[Float64, F
     pixels, confidences = [np.empty((0, JOINTS, 2))], [np.empty((0, JOINTS))]
     for name, some in groupby((one.frame for one in frames), key=_topology_name):
         used = [_detections(frame) for frame in some]
-        sources: Any = sources_named(name)
-        places, found = (np.concatenate(parts) for parts in zip(*used, strict=True))
-        sure = np.where(sources >= 0, found.take(sources, axis=1), 0.0)
+        places: Any
+        places, sure = halpe_keypoints(name, *(np.concatenate(parts) for parts in zip(*used, strict=True)))
         confidences.append(np.where(sure >= least, sure, 0.0))
-        pixels.append(places.take(sources, axis=1))
+        pixels.append(places)
     return np.concatenate(pixels), np.concatenate(confidences)
 
 

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import JOINTS, MIRROR, CameraArrays, KeypointGates, Matches, Rays
 from mocapella.compiled import njit
+from mocapella.kinematics import articulated_memory as at
 from mocapella.kinematics.ray_body_kernels import correct_by_rays, predict_body
 from mocapella.model.topology import topology
 from mocapella.tracker.webcams_cameras_kernels import AGREES, count_agreement, mark_agreed
 from mocapella.tracker.webcams_errors_kernels import widen
 from mocapella.tracker.webcams_memory import NO_PERSON, CameraCounts, PeopleArrays
-from mocapella.tracker.webcams_people_kernels import PeopleLimits, judge
+from mocapella.tracker.webcams_people_kernels import PeopleLimits, judge, middle
 from mocapella.tracker.webcams_rig_kernels import compare_cameras
 
 Float64 = NDArray[np.float64]
@@ -43,8 +44,19 @@ STEADY = np.array([
     for name in topology("halpe_26").joints
 ])  # fmt: skip
 """(26,) joints whose heights change little while a person walks."""
+TURN_WEIGHT_OF_ONE = 0.05
+"""The same where one camera alone tells the sides."""
+SIDES_APART = 8.0
+"""Mean squared angle between left and right joints, in variances of a ray, above which a detection tells the sides."""
 MOST_TURNED = 0.6
 """Share of swapped detections above which the person is swapped."""
+SHOULDERS, HIPS = (
+    np.array([topology("halpe_26").index(f"{side}{name}") for side in "LR"], dtype=np.int64)
+    for name in ("Shoulder", "Hip")
+)
+"""(2,) joints on the left and on the right."""
+MOST_TWISTED = 0.1
+"""Cosine of the angle between shoulders and hips below which no body can be twisted; the angle is 84°."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,29 +122,79 @@ def seen_by(p: int, owner: Int64, camera: Int64) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def turn(people: PeopleArrays, p: int, matches: Matches) -> bool:
-    """Return whether a person must begin anew with left and right exchanged, which most detections contradict.
-
-    So a person who began from swapped detections recovers.
+def twisted(positions: Float64) -> bool:
+    """Return whether shoulders and hips point to opposite sides, as of a body with left and right exchanged in one.
 
     Args:
-        people, matches: see the module; if true, the flags of the person's detections are exchanged.
+        positions: (26, 3) joints, world [m]; NaN where not known.
+    """
+    dot, shoulders, hips = 0.0, 0.0, 0.0
+    for k in range(3):
+        a = positions[SHOULDERS[0], k] - positions[SHOULDERS[1], k]
+        b = positions[HIPS[0], k] - positions[HIPS[1], k]
+        dot, shoulders, hips = dot + a * b, shoulders + a * a, hips + b * b
+    return bool(dot < MOST_TWISTED * math.sqrt(shoulders * hips))
+
+
+@njit(cache=True, error_model="numpy")
+def tells_sides(positions: Float64, rays: Rays, d: int, origin: Float64) -> bool:
+    """Return whether a detection can tell left from right of a person: the two sides are apart in the image.
+
+    Args:
+        positions: (26, 3) joints of the person, world [m].
+        rays: see the module.
+        d: the detection.
+        origin: (3,) centre of its camera, world [m].
+    """
+    total, weight = 0.0, 0.0
+    for j in range(JOINTS):
+        i = MIRROR[j]
+        if i == j or not rays.confidences[d, j] > 0.0:
+            continue
+        near, far, both = 0.0, 0.0, 0.0
+        for k in range(3):
+            a, b = positions[j, k] - origin[k], positions[i, k] - origin[k]
+            near, far, both = near + a * a, far + b * b, both + a * b
+        across = (near * far - both * both) / (near * far)  # squared sine of the angle between the two directions
+        if across >= 0.0:
+            total += across / (rays.sds_rad[d, j] * rays.sds_rad[d, j])
+            weight += 1.0
+    return bool(total > SIDES_APART * weight)
+
+
+@njit(cache=True, error_model="numpy")
+def turn(people: PeopleArrays, p: int, rays: Rays, origins: Float64, matches: Matches) -> int:
+    """Return whether a person must begin anew: 1 with left and right exchanged, 2 as the detections are, 0 if not.
+
+    So a person recovers who began from swapped detections, which most detections contradict (1), or from a detection
+    with left and right exchanged in one half of the body (2). Detections in which left and right are at the same place
+    do not count.
+
+    Args:
+        people, rays, matches: see the module; the flags of the person's detections are exchanged (1), or cleared (2).
         p: row of the person.
+        origins: (cameras, 3) centres of the cameras, world [m].
     """
     swapped, count = 0.0, 0.0
+    sided = np.zeros(len(matches.person), np.bool_)
     for d in range(len(matches.person)):
-        if matches.person[d] == p:
+        if matches.person[d] == p or matches.explained[d] == p:
+            sided[d] = matches.swapped[d] or tells_sides(people.positions[p], rays, d, origins[rays.camera[d]])
+        if matches.person[d] == p and sided[d]:
             swapped += matches.swapped[d]
             count += 1.0
-    weight = max(1.0 / (people.hits[p] + 1.0), TURN_WEIGHT)
-    people.turned[p] += weight * (swapped / count - people.turned[p])
-    if people.turned[p] < MOST_TURNED or 2.0 * swapped <= count:
-        return False
+    halves = twisted(people.positions[p])
+    if count == 0.0 and not halves:
+        return 0
+    weight = max(1.0 / (people.hits[p] + 1.0), TURN_WEIGHT if count > 1.0 or halves else TURN_WEIGHT_OF_ONE)
+    people.turned[p] += weight * ((1.0 if halves else swapped / count) - people.turned[p])
+    if people.turned[p] < MOST_TURNED or (2.0 * swapped <= count and not halves):
+        return 0
     people.turned[p] = 0.0
     for d in range(len(matches.person)):
         if matches.person[d] == p or matches.explained[d] == p:
-            matches.swapped[d] = not matches.swapped[d]
-    return True
+            matches.swapped[d] = sided[d] and not halves and not matches.swapped[d]
+    return 2 if halves else 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -186,9 +248,38 @@ def hold_distance(
 
 
 @njit(cache=True, error_model="numpy")
+def measure_in_turn(
+    model: Any, people: PeopleArrays, p: int, at_s: float, joints: Int64, limits: PeopleLimits
+) -> int:  # fmt: skip
+    """Update when the joints that one camera sees were triangulated: also by rays of several instants that cross.
+
+    A joint whose rays in this instant disagree with the body counts as not triangulated.
+
+    Args:
+        model, people: see the module; ``measured_s`` is changed.
+        p: row of the person, after the correction.
+        at_s: time of the instant [s].
+        joints: (n,) the joint of each ray of the instant.
+        limits: see the module.
+
+    Returns:
+        Number of rays whose joints were triangulated within ``measured_s``.
+    """
+    lately = 0
+    for j in joints:
+        age = people.rows[p, model.layout.ages + 4 * j]
+        if people.support[p, j] == 0:
+            people.measured_s[p, j] = math.nan
+        elif people.support[p, j] == 1 and age >= 0.0 and not people.measured_s[p, j] >= at_s - age:
+            people.measured_s[p, j] = at_s - age
+        lately += at_s - people.measured_s[p, j] <= limits.measured_s
+    return lately
+
+
+@njit(cache=True, error_model="numpy")
 def correct(
     model: Any, people: PeopleArrays, at_s: float, rays: Rays, cameras: CameraArrays, gates: KeypointGates,
-    limits: PeopleLimits, matches: Matches, counts: CameraCounts, agreed: Bools,
+    limits: PeopleLimits, matches: Matches, counts: CameraCounts, incomplete: bool, agreed: Bools,
 ) -> None:  # fmt: skip
     """Correct all people by their rays, and compare the cameras.
 
@@ -197,6 +288,7 @@ def correct(
         at_s: time of the instant [s].
         gates: thresholds.
         counts: updated.
+        incomplete: whether active cameras have no image in this instant: only then do cameras see people in turn.
         agreed: (people, cameras) written: whether a camera agrees about a person.
     """
     size = JOINTS * max(len(rays.camera), 1)
@@ -209,9 +301,12 @@ def correct(
             continue
         views = seen_by(p, matches.person, rays.camera)
         n = 0
-        around = views >= 2 and turn(people, p, matches)
+        turned = turn(people, p, rays, cameras.origins, matches) if views >= 2 else 0
+        around = turned > 0
         kept = people.rows[p].copy() if around else people.rows[p]
-        if around:
+        if turned == 2:
+            people.rows[p, at.LOST_SINCE] = -math.inf  # the lengths stay
+        elif turned == 1:
             for i in range(people.rows.shape[1]):
                 people.rows[p, i] = math.nan
         if views > 0:
@@ -231,6 +326,10 @@ def correct(
                     people.rows[p, i] = kept[i]
                 predict_body(model, people.rows[p], at_s, people.positions[p], people.covariances[p])
             if known and not around:
+                lately = measure_in_turn(model, people, p, at_s, joints[:n], limits) if incomplete else 0
+                if views == 1 and lately >= gates.least_joints:  # cameras that see the person in turn agree
+                    people.agreed_s[p] = at_s
+                    middle(people.positions[p], people.agreed_place[p])
                 correlation = math.exp((people.at_s[p] - at_s) / limits.slow_error_s)
                 widen(
                     joints[:n], origins[:n], directions[:n], sds[:n], weights[:n], correlation, people.positions[p],
@@ -238,7 +337,7 @@ def correct(
                 )  # fmt: skip
                 if views >= 2:
                     compare_cameras(people, p, n, joints, camera, directions, sds, after_s, cameras, counts)
-                elif views == 1 and people.hits[p] > 0:
+                elif views == 1 and people.hits[p] > 0 and at_s > people.agreed_s[p]:
                     hold_distance(model, people, p, cameras.origins[camera[0]], joints[:n], directions, sds)
         mark_agreed(camera, weights, n, gates.least_joints, agreed[p])
         judge(people, p, at_s, views, gates)

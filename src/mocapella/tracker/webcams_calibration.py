@@ -7,10 +7,12 @@ their world is aligned with the present one, so that people move little and keep
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.calibration.people_rig import LEAST_EXTENT_M, POOR_DEG, POOR_MM, RigFromPeople, RigScale
 from mocapella.calibration.people_rig_live import REMEMBERED as LIVE_REMEMBERED
@@ -21,8 +23,12 @@ from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.scene import Phase, SensorPlace, TrackerState
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
+Float64 = NDArray[np.float64]
+
 ANEW: Final = "walk about: it is calibrated anew"
 """What to do about a camera that does not agree with the others."""
+STAMP_SD_S: Final = 0.005
+"""Standard deviation of the time stamps of an ordinary webcam, beside its clock: a part of its exposure [s]."""
 SMALL_M: Final = 0.25
 """Largest step of a camera's position after which people keep their places [m]."""
 
@@ -126,6 +132,15 @@ class SelfCalibration:
             for name, one in self._used.cameras.items()
         }
         return tuple(msgspec.structs.replace(one, quality=words.get(one.sensor, one.quality)) for one in placed)
+
+    def time_sds_s(self, names: Sequence[str]) -> Float64:
+        """Return the standard deviations (cameras,) of the clocks of the rig in use; infinite where none is stated [s].
+
+        The errors of single time stamps add to the clock's own: `STAMP_SD_S`.
+        """
+        known = {} if self._used is None else self._used.cameras
+        own = [known[name].clock_sd_ms / 1e3 if name in known else math.inf for name in names]
+        return np.hypot(own, STAMP_SD_S)
 
     def memory(self) -> dict[str, Any]:
         """Return all state, for `recall`; its classes are `REMEMBERED`."""

@@ -92,20 +92,31 @@ def follow_unpredicted(people: PeopleArrays, p: int, dt: float, predicted: Float
 
 
 @njit(cache=True, error_model="numpy")
-def variance_ahead(people: PeopleArrays, p: int, j: int, ahead_s: float, covariance: Float64) -> float:
-    """Return the variance of a coordinate of a joint that is predicted beyond the last instant [m²].
+def stated_variance(
+    people: PeopleArrays, p: int, j: int, at_s: float, ahead_s: float, covariance: Float64, seen: bool
+) -> float:  # fmt: skip
+    """Return the variance of a coordinate of a joint at an instant, or predicted beyond it [m²].
 
-    The filter predicts without correlations between the degrees of freedom, hence more than its errors. The variance at
-    the instant, and by how much earlier predictions were wrong, give another value; the smaller one counts.
+    The filter predicts without correlations between the degrees of freedom, hence more than its errors. The variance
+    when two cameras last agreed, and by how much predictions over such a time were wrong, give another value; the
+    smaller one counts.
 
     Args:
         people: the people.
         p: row of the person.
         j: the joint.
-        ahead_s: time since the last instant [s].
-        covariance: (3, 3) the filter's prediction [m²].
+        at_s: time of the last instant [s].
+        ahead_s: time since then [s].
+        covariance: (3, 3) the filter's estimate or prediction [m²].
+        seen: whether two cameras agree about the joint, now or a short time ago; else, and where no camera sees the
+            joint now, the filter's value counts.
     """
     own = (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]) / 3.0
-    C = people.covariances[p, j]
-    other = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0 + people.unpredicted[p, j] * ahead_s * ahead_s
-    return float(other if people.support[p, j] >= 2 and other < own else own)
+    if not seen or people.support[p, j] == 0:
+        return float(own)
+    C, since_s = people.covariances[p, j], ahead_s
+    other = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
+    if people.support[p, j] < 2:
+        other, since_s = people.measured_variances[p, j], at_s + ahead_s - people.measured_s[p, j]
+    other += people.unpredicted[p, j] * since_s * since_s
+    return float(other if other < own else own)

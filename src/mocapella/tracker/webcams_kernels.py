@@ -32,7 +32,7 @@ from mocapella.compiled import njit
 from mocapella.kinematics.ray_body_kernels import correct_by_rays, predict_body
 from mocapella.tracker.webcams_bodies_kernels import correct, seen_by, take_rays
 from mocapella.tracker.webcams_cameras_kernels import count_refuting, count_unmatched, mark_agreed
-from mocapella.tracker.webcams_errors_kernels import follow_unpredicted, variance_ahead
+from mocapella.tracker.webcams_errors_kernels import follow_unpredicted, stated_variance
 from mocapella.tracker.webcams_memory import CANDIDATE, NO_PERSON, CameraCounts, PeopleArrays
 from mocapella.tracker.webcams_people_kernels import PeopleLimits, drop, follow, forget, judge
 from mocapella.tracker.webcams_rig_kernels import adjust_rays, doubt_unmatched
@@ -126,7 +126,7 @@ def begin(
 def track_instant(
     model: Any, people: PeopleArrays, at_s: float, pixels: Float64, rays: Rays, cameras: CameraArrays,
     joint_sd: float, least_sd_px: float, gates: KeypointGates, limits: PeopleLimits, matches: Matches,
-    counts: CameraCounts, delivered: Bools, agreed: Bools, gone: Bools,
+    counts: CameraCounts, delivered: Bools, incomplete: bool, agreed: Bools, gone: Bools,
 ) -> None:  # fmt: skip
     """Track one instant of all cameras.
 
@@ -139,6 +139,7 @@ def track_instant(
         gates: thresholds.
         counts: updated.
         delivered: (cameras,) whether the camera has an image in this instant.
+        incomplete: whether active cameras have none, so that cameras may see people in turn.
         agreed: (people, cameras) written: whether a camera agrees about a person.
         gone: (people,) written: whether the row is to be freed, by `forget`.
     """
@@ -155,7 +156,7 @@ def track_instant(
     predicted = people.positions.copy()
     expected = PredictedPeople(known, people.positions, people.covariances, people.velocities)
     assign_all(rays, expected, cameras.origins, gates, matches)
-    correct(model, people, at_s, rays, cameras, gates, limits, matches, counts, agreed)
+    correct(model, people, at_s, rays, cameras, gates, limits, matches, counts, incomplete, agreed)
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
             follow_unpredicted(people, p, at_s - people.at_s[p], predicted[p])
@@ -189,15 +190,16 @@ def show(
 ) -> None:  # fmt: skip
     """Write the joints of people for a scene, at the time of the last instant or predicted to a later one.
 
-    A joint is measured if two cameras or more agree about it in the last instant, or if one does where not all cameras
-    delivered and two did a short time ago, and if its standard deviation is small.
+    A joint is measured if two cameras or more agree about it in the last instant, or did so a short time ago where not
+    all cameras delivered and none contradicts, and if its standard deviation is small. Rays of several instants can
+    agree, too (`measure_in_turn`).
 
     Args:
         model, people, limits: see the module; the people are not changed.
         rows: (shown,) rows of the people.
         at_s: time of the last instant [s].
         ahead_s: time to predict ahead; 0 for none [s].
-        partial: whether some active cameras did not deliver in the last instant.
+        incomplete: whether some active cameras did not deliver in the last instant.
         positions: (shown, 26, 3) written: world [m]; NaN where not known.
         sds: (shown, 26) written: standard deviation of a coordinate [m]; NaN where not known.
         states: (shown, 26) written: `JointState`.
@@ -207,11 +209,10 @@ def show(
         p = rows[i]
         ahead = ahead_s > 0.0 and predict_body(model, people.rows[p], at_s + ahead_s, positions[i], covariances)
         for j in range(JOINTS):
-            if ahead:
-                variance = variance_ahead(people, p, j, ahead_s, covariances[j])
-            else:
-                C = people.covariances[p, j]
-                variance = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
+            lately = partial and at_s - people.measured_s[p, j] <= limits.measured_s
+            seen = people.support[p, j] >= 2 or lately
+            C = covariances[j] if ahead else people.covariances[p, j]
+            variance = stated_variance(people, p, j, at_s, ahead_s if ahead else 0.0, C, seen)
             known = variance >= 0.0
             for k in range(3):
                 if not ahead:
@@ -222,6 +223,4 @@ def show(
                 states[i, j] = 0
                 continue
             sds[i, j] = math.sqrt(variance)
-            support = people.support[p, j]
-            seen = support >= 2 or (support == 1 and partial and at_s - people.measured_s[p, j] <= limits.measured_s)
             states[i, j] = 2 if seen and sds[i, j] <= limits.measured_sd_m else 1

@@ -26,6 +26,10 @@ LONG_SEEN: Final = 10
 """Number of instants when two cameras agreed, after which a person may be hidden, or have walked."""
 ROAMED_M: Final = 0.7
 """Distance that a person has walked before two cameras; two strangers on one line hardly do so together [m]."""
+TIME_SD_S: Final = 0.03
+"""Standard deviation of the time errors of free-running webcams: about a period of 30 Hz [s]."""
+LEAST_TIME_SD_S: Final = 1e-6
+"""Standard deviation of times that are called exact [s]."""
 MOST_MISSED: Final = 0.4
 """Largest share of missed people of a camera that still tells whether a person is there."""
 
@@ -55,7 +59,10 @@ class PeopleArrays(NamedTuple):
         covariances: (people, 26, 3, 3) [m²].
         velocities: (people, 26, 3) [m/s].
         support: (people, 26) number of cameras that agree about the joint.
-        measured_s: (people, 26) last time that two cameras agreed about the joint [s].
+        measured_s: (people, 26) last time that two cameras agreed about the joint, together or in turn [s]; NaN before
+            the first, and after rays that disagree.
+        measured_variances: (people, 26) variance of a coordinate of the joint when two cameras last agreed together
+            [m²].
         unpredicted: (people, 26) running mean of the squared speed of the joint's prediction errors, of one
             coordinate [m²/s²]; NaN before the first.
         lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
@@ -84,6 +91,7 @@ class PeopleArrays(NamedTuple):
     velocities: Float64
     support: UInt8
     measured_s: Float64
+    measured_variances: Float64
     unpredicted: Float64
     lengths: Float64
     lengths_seen: Float64
@@ -102,7 +110,9 @@ class CameraCounts(NamedTuple):
         spread: running mean of the squared residuals of its rays over their stated variances; at least 1.
         compared: number of people and instants that ``spread`` is the mean of.
         aside: (cameras, 3) sums of its direction errors to the right and down [rad], and the number of their values.
-        late: (cameras, 2) sums that give its time error: weighted times [1/s], and their weights [1/s²].
+        late: (cameras, 8) weighted sums that give its time error: the weights, the motions in the image to the right
+            and down [rad/s], the squared motions [rad²/s²], the residuals to the right and down [rad], and the products
+            of residual and motion [rad²/s], with weights in 1/rad²; and the precision of a time error of 0 [1/s²].
         missed: running mean of whether it sees no person where other cameras see one, and no other detection hides it.
         met: number of people whom it saw at their places, or should have seen there; of some of the images.
         contrary: number of these in whose stead it saw a stranger.
@@ -154,6 +164,7 @@ def no_people(row: int, cameras: int) -> PeopleArrays:
         velocities=np.zeros((n, JOINTS, 3)),
         support=np.zeros((n, JOINTS), dtype=np.uint8),
         measured_s=unknown(JOINTS),
+        measured_variances=unknown(JOINTS),
         unpredicted=unknown(JOINTS),
         lengths=unknown(bones),
         lengths_seen=np.zeros((n, bones)),
@@ -162,10 +173,17 @@ def no_people(row: int, cameras: int) -> PeopleArrays:
     )
 
 
-def no_counts(cameras: int) -> CameraCounts:
-    """Return the counts before the first image, of a number of cameras."""
+def no_counts(cameras: int, time_sd_s: float | Float64 = TIME_SD_S) -> CameraCounts:
+    """Return the counts before the first image.
+
+    Args:
+        cameras: number of cameras.
+        time_sd_s: standard deviation of the time errors, of all cameras or (cameras,) [s].
+    """
     n, unknown = cameras, np.nan
+    late = np.zeros((n, 8))
+    late[:, 7] = np.maximum(time_sd_s, LEAST_TIME_SD_S) ** -2.0
     return CameraCounts(
         np.zeros(n), np.full(n, unknown), np.full(n, unknown), np.zeros(n), np.full(n, FIRST_SPREAD), np.zeros(n),
-        np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros((n, 3)), late, np.zeros(n), np.zeros(n), np.zeros(n),
     )  # fmt: skip

@@ -85,6 +85,7 @@ def forget(people: PeopleArrays, p: int) -> None:
     for j in range(JOINTS):
         people.support[p, j] = 0
         people.measured_s[p, j] = people.unpredicted[p, j] = people.heights[p, j] = math.nan
+        people.measured_variances[p, j] = math.nan
         people.height_variances[p, j] = 0.0
         for k in range(3):
             people.positions[p, j, k], people.velocities[p, j, k] = math.nan, 0.0
@@ -170,7 +171,8 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
             sure += people.support[p, j] >= SURE_CAMERAS
             people.measured_s[p, j] = at_s
             C = people.covariances[p, j]
-            sds[j] = math.sqrt(max(C[0, 0] + C[1, 1] + C[2, 2], 0.0) / 3.0)
+            people.measured_variances[p, j] = max(C[0, 0] + C[1, 1] + C[2, 2], 0.0) / 3.0
+            sds[j] = math.sqrt(people.measured_variances[p, j])
             for k in range(3):
                 measured[j, k] = people.positions[p, j, k]
     people.cameras[p] = views

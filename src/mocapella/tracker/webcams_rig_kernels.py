@@ -5,9 +5,12 @@ rays of a camera are compared with the people whom several cameras see:
 
     spread      mean squared residual over its stated variance; variances grow by it where it is larger than usual
     direction   mean residual along the image's axes; rays are turned back by it
-    time        residual along the people's motion over their speed; rays get their own time
+    time        slope of the residuals against the people's motion in the image; rays get their own time
 
-The last two are shrunk towards 0. Only differences between cameras can be seen, so the mean of the times is 0.
+A camera with a wrong direction or lens has residuals in all its images. People who walk one way then seem to be seen
+late, or early. So the slope is that of a regression with an intercept, the direction: only a residual that changes with
+the motion is a time error. Directions and times are shrunk towards 0. Only differences between cameras can be seen, so
+the mean of the times is 0.
 Common arguments: see `mocapella.tracker.webcams_kernels`; importing this module imports numba.
 """
 
@@ -47,8 +50,6 @@ PRIOR_VALUES = 50.0
 """Number of people and instants that a direction error of 0 stands for."""
 MOST_TURNED_RAD = 0.015
 """Largest direction error of a camera that is corrected [rad]."""
-PRIOR_S = 0.03
-"""Standard deviation of the cameras' time errors [s]."""
 MOST_LATE_S = 0.15
 """Largest time error of a camera that is corrected [s]."""
 INDEPENDENT = 0.05
@@ -67,7 +68,10 @@ def time_error(counts: CameraCounts, c: int) -> float:
         counts: what the cameras saw.
         c: index of the camera.
     """
-    late = counts.late[c, 0] / (counts.late[c, 1] + 1.0 / (PRIOR_S * PRIOR_S))
+    own = counts.late[c]
+    weight = max(own[0], 1e-9)
+    known = max(own[3] - (own[1] * own[1] + own[2] * own[2]) / weight, 0.0)
+    late = (own[6] - (own[1] * own[4] + own[2] * own[5]) / weight) / (known + own[7])
     return float(min(max(late, -MOST_LATE_S), MOST_LATE_S))
 
 
@@ -80,7 +84,7 @@ def mean_time_error(counts: CameraCounts) -> float:
     """
     total, known = 0.0, 0.0
     for c in range(len(counts.spread)):
-        if counts.late[c, 1] > 0.0:
+        if counts.late[c, 0] > 0.0:
             total += time_error(counts, c)
             known += 1.0
     return total / known if known > 0.0 else 0.0
@@ -111,7 +115,7 @@ def adjust_rays(rays: Rays, cameras: CameraArrays, counts: CameraCounts) -> None
         c = rays.camera[d]
         R, scale = cameras.R_world_camera[c], math.sqrt(variance_factor(counts, c))
         right, down = direction_error(counts, c, 0), direction_error(counts, c, 1)
-        if counts.late[c, 1] > 0.0:
+        if counts.late[c, 0] > 0.0:
             rays.after_s[d] += time_error(counts, c) - mean
         for j in range(JOINTS):
             if not rays.confidences[d, j] > 0.0:
@@ -174,7 +178,7 @@ def compare_cameras(
         joints, camera, directions, sds_rad, after_s: (≥ n, …) the rays, as in `correct_by_rays`.
         counts: updated.
     """
-    views, velocity, sums = np.zeros(JOINTS), np.empty(3), np.empty(7)
+    views, velocity, sums = np.zeros(JOINTS), np.empty(3), np.empty(9)
     for i in range(n):
         views[joints[i]] += 1.0
     if motion_of(people, p, velocity) < LEAST_COMPARED:
@@ -186,7 +190,7 @@ def compare_cameras(
         while last < n and camera[last] == c:
             last += 1
         factor = variance_factor(counts, c)
-        late_s = time_error(counts, c) - mean if counts.late[c, 1] > 0.0 else 0.0  # as `adjust_rays` moved the rays
+        late_s = time_error(counts, c) - mean if counts.late[c, 0] > 0.0 else 0.0  # as `adjust_rays` moved the rays
         right, down = direction_error(counts, c, 0), direction_error(counts, c, 1)
         sum_residuals(
             people, p, first, last, joints, directions, sds_rad, after_s, cameras, counts.spread[c], factor, c, views,
@@ -201,10 +205,34 @@ def compare_cameras(
             counts.aside[c, 0] = KEPT * counts.aside[c, 0] + sums[3] / sums[2] + right
             counts.aside[c, 1] = KEPT * counts.aside[c, 1] + sums[4] / sums[2] + down
             counts.aside[c, 2] = KEPT * counts.aside[c, 2] + 1.0
-        if sums[2] > 0.0 and moves:
-            counts.late[c, 0] = KEPT * counts.late[c, 0] + INDEPENDENT / factor * (sums[5] + late_s * sums[6])
-            counts.late[c, 1] = KEPT * counts.late[c, 1] + INDEPENDENT / factor * sums[6]
+            if not moves:  # nobody's motion tells the time, but the direction
+                for k in range(5, 9):
+                    sums[k] = 0.0
+            share = INDEPENDENT / factor
+            add_late(counts.late[c], share, sums, right, down, late_s)
         first = last
+
+
+@njit(cache=True, error_model="numpy")
+def add_late(late: Float64, share: float, sums: Float64, right: float, down: float, late_s: float) -> None:
+    """Add a person's residuals to the equations of a camera's time error.
+
+    Args:
+        late: (8,) updated, see `CameraCounts`.
+        share: weight of the residuals.
+        sums: (9,) of `sum_residuals`, from rays that are corrected by the next three.
+        right, down: direction error by which the rays were turned back [rad].
+        late_s: time error by which they were moved [s].
+    """
+    for k in range(7):
+        late[k] *= KEPT
+    late[0] += share * sums[2]
+    late[1] += share * sums[5]
+    late[2] += share * sums[6]
+    late[3] += share * sums[7]
+    late[4] += share * (sums[3] + right * sums[2] + late_s * sums[5])
+    late[5] += share * (sums[4] + down * sums[2] + late_s * sums[6])
+    late[6] += share * (sums[8] + right * sums[5] + down * sums[6] + late_s * sums[7])
 
 
 @njit(cache=True, error_model="numpy")
@@ -222,12 +250,12 @@ def sum_residuals(
         c: index of the camera.
         views: (26,) number of rays to each joint.
         velocity: (3,) of the person [m/s].
-        sums: (7,) written: squared residuals over stated variances, and their number; the weights of those that are
-            not outliers, and with these weights the residuals to the right and down [rad], the products of residual
-            and motion [rad²/s], and the squared motions [rad²/s²].
+        sums: (9,) written: squared residuals over stated variances, and their number; the weights of those that are
+            not outliers, and with these weights the residuals to the right and down [rad], the motions to the right
+            and down [rad/s], the squared motions [rad²/s²], and the products of residual and motion [rad²/s].
     """
     x, e, R, o = np.empty(3), np.empty(3), cameras.R_world_camera[c], cameras.origins[c]
-    for i in range(7):
+    for i in range(9):
         sums[i] = 0.0
     for i in range(first, last):
         j = joints[i]
@@ -253,8 +281,10 @@ def sum_residuals(
             moved = (velocity[k] - ahead * x[k] / s) / s
             sums[3] += e[k] / left * R[k, 0] / own
             sums[4] += e[k] / left * R[k, 1] / own
-            sums[5] += e[k] / left * moved / own
-            sums[6] += moved * moved / own
+            sums[5] += moved * R[k, 0] / own
+            sums[6] += moved * R[k, 1] / own
+            sums[7] += moved * moved / own
+            sums[8] += e[k] / left * moved / own
 
 
 @njit(cache=True, error_model="numpy")

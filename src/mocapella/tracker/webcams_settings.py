@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from mocapella.association.hand_keypoints import HandKeypointSettings
 from mocapella.association.keypoint_rays import KeypointAssociationSettings
 from mocapella.calibration.people_rig_live import LiveRigSettings
 from mocapella.settings import check
+from mocapella.tracker.webcams_memory import TIME_SD_S
+
+
+def numbered_time_sd_s(rate_hz: float) -> float:
+    """Return the standard deviation of the times of films whose frames of one number are called simultaneous [s].
+
+    The true capture is anywhere within the period of the frame that is nearest: a uniform distribution.
+
+    Args:
+        rate_hz: frame rate of the films [Hz].
+    """
+    return 1.0 / (rate_hz * math.sqrt(12.0))
 
 
 @dataclass(frozen=True)
@@ -36,12 +49,14 @@ class WebcamsSettings:
         same_within_m: two tracks nearer than this are one person; larger: close people may be merged [m].
         measured_sd_m: a joint with a larger standard deviation is inferred, not measured; larger: less certain joints
             are shown as measured [m].
-        measured_s: a joint that two cameras saw within this time, and one sees now, is measured; larger: cameras of
-            low or different rates measure more joints [s].
+        measured_s: where some cameras have no image, a joint that two cameras saw within this time, together or in
+            turn, is measured; larger: slow cameras measure more joints, with larger standard deviations [s].
         slow_error_s: time over which the error of a keypoint changes; larger: larger standard deviations, and fewer
             measured joints [s].
         late_s: a frame that is older than the newest by more than this is not used; larger: slower cameras are used,
             with larger errors of moving people [s].
+        time_sd_s: standard deviation of the errors of the cameras' times, which are estimated while people move;
+            larger: errors are followed farther, also errors of a rig that look like them; 0: times are exact [s].
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
             the others longer [s].
         missing_after_s: while people are tracked, a camera without a usable frame for this long counts as missing, and
@@ -70,9 +85,10 @@ class WebcamsSettings:
     doubtful_instants: int = 15
     same_within_m: float = 0.12
     measured_sd_m: float = 0.04
-    measured_s: float = 0.1
+    measured_s: float = 0.25
     slow_error_s: float = 0.08
     late_s: float = 0.2
+    time_sd_s: float = TIME_SD_S
     silent_after_s: float = 0.3
     missing_after_s: float = 2.0
     calibration: LiveRigSettings = field(default_factory=LiveRigSettings)
@@ -94,6 +110,7 @@ class WebcamsSettings:
         check(0 <= self.measured_s <= 10, "measured_s", self.measured_s, "from 0 to 10 s")
         check(0 < self.slow_error_s <= 10, "slow_error_s", self.slow_error_s, "above 0 and at most 10 s")
         check(0 < self.late_s <= 10, "late_s", self.late_s, "above 0 and at most 10 s")
+        check(0 <= self.time_sd_s <= 1, "time_sd_s", self.time_sd_s, "from 0 to 1 s")
         check(0 < self.silent_after_s <= 3600, "silent_after_s", self.silent_after_s, "above 0 and at most 3600 s")
         check(
             self.silent_after_s <= self.missing_after_s <= 3600, "missing_after_s", self.missing_after_s,

@@ -40,7 +40,7 @@ METHOD: Final = Method(
     parts=("people", "hands"),
     make=_make,
     warm_up_run=_practice,
-    kernels=191,
+    kernels=213,
     camera_rig="optional",
     files={"rig": "mocapella.tracker.method_files:camera_rig"},
 )
