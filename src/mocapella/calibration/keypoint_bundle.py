@@ -67,7 +67,7 @@ _LENGTHS: Final = {  # in statures: Drillis, Contini, *Body segment parameters* 
     ("Shoulder", "Hip"): 0.288,
 }  # fmt: skip
 JOINTS: Final = len(HALPE)
-"""Number of joints of a body, those of `HALPE`."""
+"""Number of joints of a body, as in `HALPE`."""
 BONES: Final = tuple(
     (HALPE.index(side + a), HALPE.index(side + b), k) for k, (a, b) in enumerate(_LENGTHS) for side in "LR"
 )

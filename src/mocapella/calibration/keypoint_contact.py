@@ -35,7 +35,7 @@ def no_floor() -> Float64:
 
 
 def contact_residuals(joints: Float64, resting: Bool, floor: Float64) -> Float64:
-    """Return the heights (bodies, 8) of resting keypoints above those of the floor, in `CONTACT_SD`; 0 where none is.
+    """Return the heights (bodies, 8) of resting keypoints above the floor's, in `CONTACT_SD`; 0 where none is.
 
     Args:
         joints: (bodies, 26, 3) [m].

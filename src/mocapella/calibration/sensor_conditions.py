@@ -71,7 +71,7 @@ def pose_condition(
 
     Args:
         name: name of the sensor.
-        pairs: all pairs of sensors, or those of this sensor.
+        pairs: all pairs of sensors, or the pairs of this sensor.
         contradicted: the pairs of them for which `contradicts` is true.
         placed: all sensors' poses.
         seeing: whether it sees a person now.

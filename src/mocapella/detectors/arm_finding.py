@@ -49,7 +49,7 @@ class Found(NamedTuple):
         fitted: the fit's pose, sizes and costs.
         missed: cost of the ends of fingers in the image that no fingertip explains; only fits of one hand are compared
             by it.
-        begun: the fit from which the arm is tracked in further images, if its fingertips were moved to ends since; else
+        begun: where tracking in further images starts, if its fingertips were moved to ends since; else
             None. Following moves no fingertips to ends, so they would drift back.
     """
 
@@ -517,7 +517,7 @@ _NEAR_END_M: Final = 0.02
 _AT_END_M: Final = 0.005
 """Distance below which it ends there already: the ends of branches are as inexact as this [m]."""
 _ENDED: Final = 1.3
-"""Ratio of costs up to which a fit whose fingertips end where branches do is taken."""
+"""Largest ratio of costs of a fit that is taken because its fingertips end where branches do."""
 _ENDED_M: Final = 0.003
 _ENDED_SD: Final = np.radians(4)
 """Standard deviations of that fit: of the palm's position [m], of angles [rad] and of relative sizes."""

@@ -41,7 +41,7 @@ SCENES: Final = ("shelf", "campus", "shelf-poor", "campus-poor")
 RUNS: Final = ("every camera", "robust", "body", "method", "clean start", "no exchange", "exact cameras")
 """Runs of `causes`, see `CrowdCauses`."""
 CAUSES: Final = ("not tracked", "sides", "other person", "one camera", "detections", "body")
-"""Causes of a missed limb, in the order in which they are tested, see `CrowdCauses`."""
+"""Causes of a missed limb, in the order of their tests, see `CrowdCauses`."""
 TAKEN_M: Final = 0.15
 """Distance of a wrong joint from the same joint of another person below which it is that person's [m]."""
 TOP_OF_HEAD: Final = 1.6

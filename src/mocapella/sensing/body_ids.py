@@ -17,7 +17,7 @@ SPEED_M_S: Final = 3.0
 KEPT_S: Final = 0.5
 """Time after which a body that is not seen is forgotten; seen again, it has a new id [s]."""
 KEPT_IN_STALLS_S: Final = 2.0
-"""The same for a body of the last frame: a busy machine skips frames, and nobody looked for the body since [s]."""
+"""The same for a body of the last frame: a busy machine skips frames, so the body was not looked for since [s]."""
 
 
 class BodyIds:

@@ -1,4 +1,4 @@
-"""Remove mixed pixels, whose depth is between those of two surfaces that both are seen in the pixel.
+"""Remove mixed pixels, whose depth is between the depths of two surfaces that both are seen in the pixel.
 
 Cameras with time of flight have them along edges, because the light of both surfaces adds up (S. Foix, G. Alenyà,
 C. Torras, "Lock-in time-of-flight (ToF) cameras: a survey", IEEE Sensors J. 11, 2011, section III: flying pixels), and

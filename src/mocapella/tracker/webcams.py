@@ -69,7 +69,7 @@ APART_M: Final = 0.05
 ALONE_S: Final = 0.25
 """Time without agreement of two cameras after which a person's condition tells so [s]."""
 AHEAD_S: Final = 0.05
-"""Time since the last instant from which a scene also uses the frames that the next instant has so far [s]."""
+"""Least time since the last instant for a scene to use the frames that the next instant has so far [s]."""
 LOOK_EVERY: Final = 2
 """Number of instants from one search for strangers, in the next camera's image, to the next."""
 

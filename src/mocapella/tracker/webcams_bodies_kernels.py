@@ -167,7 +167,7 @@ def turn(people: PeopleArrays, p: int, rays: Rays, origins: Float64, matches: Ma
     """Return whether a person must begin anew: 1 with left and right exchanged, 2 as the detections are, 0 if not.
 
     So a person recovers who began from swapped detections, which most detections contradict (1), or from a detection
-    with left and right exchanged in one half of the body (2). Detections in which left and right are at the same place
+    with left and right exchanged in one half of the body (2). Detections with left and right at the same place
     do not count.
 
     Args:
@@ -253,7 +253,7 @@ def measure_in_turn(
 ) -> int:  # fmt: skip
     """Update when the joints that one camera sees were triangulated: also by rays of several instants that cross.
 
-    A joint whose rays in this instant disagree with the body counts as not triangulated.
+    A joint counts as not triangulated if its rays in this instant disagree with the body.
 
     Args:
         model, people: see the module; ``measured_s`` is changed.

@@ -205,7 +205,7 @@ def compare_cameras(
             counts.aside[c, 0] = KEPT * counts.aside[c, 0] + sums[3] / sums[2] + right
             counts.aside[c, 1] = KEPT * counts.aside[c, 1] + sums[4] / sums[2] + down
             counts.aside[c, 2] = KEPT * counts.aside[c, 2] + 1.0
-            if not moves:  # nobody's motion tells the time, but the direction
+            if not moves:  # without motion, only the direction is known
                 for k in range(5, 9):
                     sums[k] = 0.0
             share = INDEPENDENT / factor
@@ -221,8 +221,8 @@ def add_late(late: Float64, share: float, sums: Float64, right: float, down: flo
         late: (8,) updated, see `CameraCounts`.
         share: weight of the residuals.
         sums: (9,) of `sum_residuals`, from rays that are corrected by the next three.
-        right, down: direction error by which the rays were turned back [rad].
-        late_s: time error by which they were moved [s].
+        right, down: direction error, as taken from the rays [rad].
+        late_s: time error, as taken from their times [s].
     """
     for k in range(7):
         late[k] *= KEPT
