@@ -19,6 +19,7 @@ from mocapella.geometry.rigid import rigid
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+_Rests = tuple[Int64, Int64, Int64, NDArray[np.bool_]]
 
 UPRIGHT_SD: Final = np.radians(5.0)
 """Standard deviation of the mean direction of people's bodies from the vertical [rad]."""
@@ -59,7 +60,7 @@ def find_floor(joints: Float64, person: Int64, at_s: Float64, log_lengths: Float
     """
     up = _upright(joints)
     stature = float(np.median(np.exp(log_lengths) / STATURES))
-    points, above = _resting(joints, person, at_s, up, stature)
+    points, above = _resting(joints, _rests(joints, person, at_s, up), stature)
     if len(points) < _FEWEST:
         return PeopleFloor(up, UPRIGHT_SD, float("nan"), stature)
     up, sd, height = _plane(points, above, up)
@@ -92,15 +93,15 @@ def _mean(points: Float64) -> Float64:
     return np.asarray(np.where(count > 0, np.where(seen, points, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan))
 
 
-def _resting(joints: Float64, person: Int64, at_s: Float64, up: Float64, stature: float) -> tuple[Float64, Float64]:
+def _resting(joints: Float64, found: _Rests, stature: float) -> tuple[Float64, Float64]:
     """Return (n, 3) keypoints of feet that rest, and (n,) their expected heights above the floor [m]."""
-    one, other, feet, rests = _rests(joints, person, at_s, up)
+    one, other, feet, rests = found
     middle = 0.5 * (joints[one[:, None], feet] + joints[other[:, None], feet])
     above = np.broadcast_to(stature * np.array(list(FEET.values())), rests.shape)
     return middle[rests], above[rests]
 
 
-def _rests(joints: Float64, person: Int64, at_s: Float64, up: Float64) -> tuple[Int64, Int64, Int64, NDArray[np.bool_]]:
+def _rests(joints: Float64, person: Int64, at_s: Float64, up: Float64) -> _Rests:
     """Return neighbouring bodies of a person, (n,) the one and (n,) the other, the keypoints (n, 4) of the one's lower
     foot, and (n, 4) whether these rest between both. A raised foot may rest, too, so only the lower one counts.
     """
@@ -128,13 +129,14 @@ def find_contacts(joints: Float64, person: Int64, at_s: Float64, stature: float)
         (7,) values of the floor.
     """
     resting, up = np.zeros(joints.shape[:2], dtype=bool), _upright(joints)
-    points, above = _resting(joints, person, at_s, up, stature)
+    found = _rests(joints, person, at_s, up)
+    points, above = _resting(joints, found, stature)
     if len(points) < _FEWEST:
         return resting, no_floor()
     normal, sd, height = _plane(points, above, up)
     if sd >= UPRIGHT_SD:
         return resting, no_floor()
-    one, other, feet, rests = _rests(joints, person, at_s, up)
+    one, other, feet, rests = found
     for of in (one, other):
         resting[np.broadcast_to(of[:, None], feet.shape)[rests], feet[rests]] = True
     kinds = [np.median(joints[:, of][resting[:, of]] @ normal) if resting[:, of].any() else height for of in _KINDS]

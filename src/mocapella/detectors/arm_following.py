@@ -306,7 +306,7 @@ class KinematicArmDetector:
         before = cost_of(own, arm.fitted.pose, evidence_of(part, own, arm.fitted.pose, beyond=0.15))
         if fitted.cost >= self.settings.better * before:
             return False
-        arm.fitted, arm.side, arm.model, arm.region = fitted, side, model, part
+        arm.fitted, arm.side, arm.model, arm.region, arm.begun = fitted, side, model, part, None
         arm.velocity[6:] = 0.0
         return True
 
