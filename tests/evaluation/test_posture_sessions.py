@@ -36,6 +36,11 @@ def test_who_bows_or_leans_back_keeps_left_and_right(away: list[PostureResult]) 
         assert result.fused_m < 0.1
 
 
+@pytest.mark.slow
+def test_who_kneels_has_no_condition() -> None:
+    assert [result.warned for seed in (0, 1) for result in score_postures(0.0, seed, ("kneel",))] == [0, 0]
+
+
 def exchanged(scene: Scene) -> Scene:
     people = [
         msgspec.structs.replace(person, positions=person.positions[list(SKELETON.mirror)]) for person in scene.people

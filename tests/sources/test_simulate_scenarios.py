@@ -23,7 +23,7 @@ from mocapella.sources.simulate import (
 )
 from mocapella.sources.simulate.body import BODY, JOINT, facing
 from mocapella.sources.simulate.motion import PERIOD_NS
-from mocapella.sources.simulate.postures import STANDING, posture
+from mocapella.sources.simulate.postures import POSTURES, STANDING, posture
 from mocapella.sources.simulate.route import Route, Spot
 from mocapella.sources.simulate.scenarios import FACING_MAIN, STILL_S, plan, scenario_names, written_route
 
@@ -126,6 +126,19 @@ def test_postures_are_what_they_promise() -> None:
     lean = np.degrees(np.arccos(trunk[:, 1] / np.linalg.norm(trunk, axis=1)))
     assert lean.min() < 5
     assert lean.max() > 50
+
+
+@pytest.mark.parametrize("name", POSTURES)
+def test_no_ankle_bends_more_than_a_human_one(name: str) -> None:
+    person = PersonSettings((0.0, 2.8), "route", route=("stand 1", f"{name} 4", "stand 1"))
+    r = build_room(SceneSettings(name, (SensorSettings("sensor"),), (person,), seed=0))
+    p = np.stack([r.positions_at(at)[0] for at in range(0, r.duration_ns, 10 * STEP_NS)])
+    for side in ("Left", "Right"):
+        shank, foot = (
+            p[:, JOINT[end + side]] - p[:, JOINT[of + side]] for end, of in (("Ankle", "Knee"), ("Foot", "Ankle"))
+        )
+        cos = np.einsum("ni,ni->n", shank, foot) / np.linalg.norm(shank, axis=1) / np.linalg.norm(foot, axis=1)
+        assert np.degrees(np.arccos(cos)).max() < 135, "upwards by 45° at most"
 
 
 def test_a_route_may_have_postures_and_an_unknown_one_is_refused() -> None:

@@ -25,6 +25,8 @@ DOUBLE_SUPPORT = 0.12
 """Share of a step for which both feet are on the floor, at its beginning and again at its end."""
 STANCE_HALF_WIDTH = 0.055
 """Half the distance of the feet, in fractions of stature."""
+LYING_SHANK = float(np.radians(20.0))
+"""Angle between the floor and a shank up to which the foot is stretched; from twice that on, the sole stands [rad]."""
 ANKLE_HEIGHT = 0.039
 STEP_HEIGHT_M = 0.07
 REACH = 0.995
@@ -202,8 +204,19 @@ def _legs(direction: Float64, root: Float64, yaw: Float64, tracks: GaitTracks, l
         thigh, shank = _two_bones(tracks.ankles[:, side] - start, lengths[knee], lengths[ankle], _ahead(yaw))
         direction[:, knee], direction[:, ankle] = thigh, shank
         rest = body_template().offsets[foot]
-        pitch = np.arctan2(rest[1], rest[2]) - 0.4 * np.sin(np.pi * tracks.swings[:, side]) ** 2
-        direction[:, foot] = _pitched(_ahead(tracks.yaws[:, side]), pitch)
+        flat = np.arctan2(rest[1], rest[2])
+        pitch = flat - 0.4 * np.sin(np.pi * tracks.swings[:, side]) ** 2
+        ahead = _ahead(tracks.yaws[:, side])
+        direction[:, foot] = _pitched(ahead, pitch - _stretched(shank, ahead) * (np.pi + 2 * flat))
+
+
+def _stretched(shank: Float64, ahead: Float64) -> Float64:
+    """Return how far the feet of shanks (n, 3) point back, as a part of that way: 1 where people kneel, 0 to stand.
+
+    An ankle bends by less than the angle between the floor and a lying shank, so the instep lies on the floor instead.
+    """
+    lying = np.arccos(np.clip(-np.einsum("ni,ni->n", shank, ahead), -1.0, 1.0))
+    return smooth_step(2.0 - lying / LYING_SHANK)
 
 
 def _two_bones(reach: Float64, first: float, second: float, bend: Float64) -> tuple[Float64, Float64]:
