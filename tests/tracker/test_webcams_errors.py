@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import Matches, Rays
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.tracker.webcams import WebcamsTracker
 from mocapella.tracker.webcams_cameras_kernels import MISSED_WEIGHT, WELL_KNOWN, count_refuting
-from mocapella.tracker.webcams_errors_kernels import LEAST_GAIN, follow_unpredicted, stated_variance, widen
+from mocapella.tracker.webcams_errors_kernels import (
+    LEAST_GAIN,
+    follow_unpredicted,
+    stated_variance,
+    widen,
+)
 from mocapella.tracker.webcams_memory import no_counts, no_people
 from mocapella.tracker.webcams_people_kernels import forget, refuting
 from mocapella.tracker.webcams_warmup import circle_of_cameras, seen_people, standing_person
@@ -85,6 +92,15 @@ def test_a_predicted_variance_follows_the_errors_of_earlier_predictions() -> Non
     follow_unpredicted(people, 0, 0.0, np.zeros((26, 3)))
     follow_unpredicted(people, 0, 0.1, np.full((26, 3), np.nan))
     np.testing.assert_array_equal(people.unpredicted, before)
+
+
+@given(st.lists(st.floats(1e-5, 2e-3), max_size=30))
+def test_the_keypoints_own_errors_are_no_large_speed_in_frames_that_follow_each_other_closely(dts: list[float]) -> None:
+    people = no_people(10, 2)
+    people.positions[0], people.support[0] = 0.0, 2
+    for dt in (1 / 30, *dts):
+        follow_unpredicted(people, 0, dt, np.full((26, 3), 0.03))
+    assert (people.unpredicted[0] < 1.2 * (0.03 * 30) ** 2).all()
 
 
 def test_a_camera_before_which_a_person_is_hidden_neither_refutes_nor_confirms() -> None:

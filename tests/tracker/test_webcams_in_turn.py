@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -71,6 +72,28 @@ def test_joints_are_measured_by_cameras_that_see_them_in_turn(keeps: Keeps, leas
     assert ratio < 1.25
     alone, _ = tracked(scene, items, WebcamsSettings(measured_s=0.0))
     assert alone < share - 0.02
+
+
+def delayed(items: list[SimulatedKeypoints]) -> list[SimulatedKeypoints]:
+    """Frames whose times differ by a millisecond; in every third second, some are lost, and others overtaken."""
+    rng, cameras = np.random.default_rng(1), sorted({item.frame.sensor for item in items})
+    arrives_ns, there = dict.fromkeys(cameras, 0.0), []
+    for item in items:
+        name = item.frame.sensor
+        at_ns = item.at_ns + round(1e6 * (0.4 * cameras.index(name) + rng.normal(0.0, 0.2)))
+        busy = int(item.at_ns / 1e9) % 3 == 2
+        if not busy or rng.random() > 0.3:
+            arrives_ns[name] = max(at_ns + busy * rng.exponential(40e6), arrives_ns[name] + 1.0)
+            there.append((arrives_ns[name], name, msgspec.structs.replace(item, at_ns=at_ns)))
+    return [item for _, _, item in sorted(there, key=lambda one: one[:2])]
+
+
+@pytest.mark.slow
+def test_late_frames_do_not_make_later_joints_unsure() -> None:
+    scene = crowd_scene("two-walk", seed=1)
+    share, ratio = tracked(scene, delayed(kept(scene, every(1))), WebcamsSettings())
+    assert share > 0.85
+    assert ratio < 1.25
 
 
 def in_turn(seconds: float, path: Path) -> tuple[list[Scene], bytes]:

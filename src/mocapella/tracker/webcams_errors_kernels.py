@@ -30,6 +30,8 @@ LEAST_GAIN = 0.2
 """Least gain of a joint; the covariance of a joint with a smaller one is not of its rays alone."""
 UNSURE_WEIGHT = 0.1
 """Weight of an instant in the running mean of a joint's unpredicted speed."""
+SHORT_S = 0.02
+"""Time below which a prediction tells less of that speed, and more of the keypoints' own errors [s]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -73,6 +75,10 @@ def widen(
 def follow_unpredicted(people: PeopleArrays, p: int, dt: float, predicted: Float64) -> None:
     """Update by how much the predictions of a person's joints are wrong, where two cameras agree about them.
 
+    The keypoints' own errors look like a speed of themselves over the time: after late frames, which follow each other
+    within a millisecond, like one of 20 m/s. So shorter times count less: as in the least-squares fit of squared errors
+    by the squared times.
+
     Args:
         people: changed.
         p: row of the person.
@@ -81,14 +87,17 @@ def follow_unpredicted(people: PeopleArrays, p: int, dt: float, predicted: Float
     """
     if not dt > 0.0:
         return
+    longer = max(dt, SHORT_S)
+    part = (dt / longer) ** 2
     for j in range(JOINTS):
         square = 0.0
         for k in range(3):
             square += (people.positions[p, j, k] - predicted[j, k]) ** 2
-        square /= 3.0 * dt * dt
+        square /= 3.0 * longer * longer
         if people.support[p, j] >= 2 and square < math.inf:
             before = people.unpredicted[p, j]
-            people.unpredicted[p, j] = before + UNSURE_WEIGHT * (square - before) if before >= 0.0 else square
+            change = UNSURE_WEIGHT * part * (square - part * before)
+            people.unpredicted[p, j] = before + change if before >= 0.0 else square
 
 
 @njit(cache=True, error_model="numpy")
