@@ -17,10 +17,21 @@ from support.reference_methods import Method
 
 from mocapella.errors import InputError
 from mocapella.evaluation import bias_sessions as sessions_module
-from mocapella.evaluation.bias_sessions import ROWS, bias_session, bias_sessions, learn, left_out, make_tracker
+from mocapella.evaluation.bias_sessions import (
+    EVERY,
+    NEAR_OTHERS,
+    ROWS,
+    _kept,
+    bias_session,
+    bias_sessions,
+    learn,
+    left_out,
+    make_tracker,
+    trained_on,
+)
 from mocapella.evaluation.fused_metrics import facing_yaw
 from mocapella.evaluation.kinectmultitrack import AsLogged, AsRun
-from mocapella.evaluation.study_pairs import StudySession
+from mocapella.evaluation.study_pairs import Pairs, StudySession
 from mocapella.fusion.joint_bias import TERMS, JointBiasModel, LeftOut, read_model, symmetric
 from mocapella.geometry.angles import wrap
 from mocapella.model.session import SCENARIOS
@@ -72,9 +83,29 @@ def test_where_the_model_cannot_be_written_is_said_before_the_work(tmp_path: Pat
     assert "--out no/m.json: no folder no; name a file in a folder that exists" in done.stderr
 
 
-def test_logs_of_two_people_teach_no_bias(study_logs: Path) -> None:
+def test_a_folder_without_two_sensors_teaches_no_bias(tmp_path: Path) -> None:
+    log = only_one_sensor(log_of(frames=30))
+    write_study_log(tmp_path / "Study_7_Kinect_2_Time_1.csv.gz", log.rows())
     with pytest.raises(InputError, match="nothing to learn a joint bias from"):
-        bias_sessions(study_logs, {22})
+        bias_sessions(tmp_path)
+
+
+@pytest.mark.slow
+def test_two_people_near_each_other_teach_a_bias_each_as_much_as_the_other(study_logs: Path) -> None:
+    (session,) = bias_sessions(study_logs, {22})
+    study, views = session.study, session.views
+    assert study.two_people
+    assert views.weight.sum() == pytest.approx(NEAR_OTHERS / EVERY, rel=0.01)
+    assert len(set(views.weight.tolist())) == 1
+    used = [int(np.ceil((study.pairs.person == person).sum() / EVERY)) for person in np.unique(study.pairs.person)]
+    assert len(views.weight) == sum(used)
+    assert trained_on([session])["sessions_of_two_people"] == 1
+
+
+def test_every_few_pairs_of_each_person_are_used_although_people_take_turns() -> None:
+    person = np.tile([3, 8], 20)
+    kept = _kept(Pairs(np.zeros((40, 2), dtype=np.int64), person, np.ones(40, dtype=np.int64)))
+    assert [int(kept[person == one].sum()) for one in (3, 8)] == [20 // EVERY, 20 // EVERY]
 
 
 def test_what_is_learnt_from_is_the_two_views_in_one_order_with_facings() -> None:
@@ -99,15 +130,11 @@ def only_one_sensor(log: StudyLog) -> StudyLog:
     return rows_of(log, log.kinect_id == log.kinect_id[0])
 
 
-def two_people(log: StudyLog) -> StudyLog:
-    return msgspec.structs.replace(log, person_id=(np.arange(len(log)) >= len(log) // 2).astype(np.int64))
-
-
 def no_walk(log: StudyLog) -> StudyLog:
     return rows_of(log, log.scenario_id != SCENARIOS["walk"])
 
 
-@pytest.mark.parametrize("change", [only_one_sensor, two_people, no_walk])
+@pytest.mark.parametrize("change", [only_one_sensor, no_walk])
 def test_nothing_is_learnt_from_a_log_without_two_views_of_one_person_who_walks(
     change: Callable[[StudyLog], StudyLog], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,5 +189,5 @@ def test_rows_that_show_a_bias_are_told_with_and_without(monkeypatch: pytest.Mon
     sessions: Any = [SimpleNamespace(study=study, plain=AsLogged(study))]
     told = left_out(sessions, None)  # type: ignore[arg-type]
     assert {which: set(rows) for which, rows in told.items()} == {
-        which: {*ROWS, "fused"} for which in ("without", "with")
+        which: {*ROWS, "interactions", "fused"} for which in ("without", "with")
     }

@@ -146,7 +146,7 @@ def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> No
     table.add_column("bias", no_wrap=True)
     for words in (*placements, *(f"torso {name}" for name in placements)):
         table.add_column(words, justify="right")
-    for row in (name for name in figures["with"] if name != "fused"):
+    for row in (name for name in figures["with"] if name not in ("interactions", "fused")):
         for which in ("without", "with"):
             scored = figures[which][row]
             cells = [
@@ -156,13 +156,16 @@ def _show_nearer(figures: dict[str, Any], folds: int | None, out: Console) -> No
             ]
             table.add_row(row if which == "without" else "", which, *cells)
     out.print(table)
-    fused = Table(title="fused skeleton", title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
-    for words in ("", "without", "with"):
-        fused.add_column(words, justify="right" if words else "left")
-    for figure in figures["with"]["fused"]:
-        values = [figures[which]["fused"][figure] for which in ("without", "with")]
-        fused.add_row(figure, *("–" if value is None else f"{value:.2f}" for value in values))
-    out.print(fused)
+    for part, title in (("interactions", "two people: Δd"), ("fused", "fused skeleton")):
+        if not figures["with"][part]:
+            continue
+        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, show_edge=False)
+        for words in ("", "without", "with"):
+            table.add_column(words, justify="right" if words else "left")
+        for figure in figures["with"][part]:
+            values = [figures[which][part][figure] for which in ("without", "with")]
+            table.add_row(figure, *("–" if value is None else f"{value:.2f}" for value in values))
+        out.print(table)
 
 
 @train_app.command("sensor-errors")

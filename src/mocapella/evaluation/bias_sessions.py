@@ -11,11 +11,12 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mocapella.errors import InputError
 from mocapella.evaluation.kinectmultitrack import AsRun, Tally
 from mocapella.evaluation.scored_views import TOPOLOGY, asked_about, known_before, seen_views
-from mocapella.evaluation.study_pairs import StudySession, study_sessions
+from mocapella.evaluation.study_pairs import Pairs, StudySession, study_sessions
 from mocapella.fusion.joint_bias import JointBiasModel, LeftOut
 from mocapella.fusion.joint_bias_training import ViewPairs, train
 from mocapella.model.session import SCENARIOS
@@ -24,14 +25,18 @@ from mocapella.tracker.default_settings import DefaultSettings
 
 TASKS: Final = {SCENARIOS["stationary"]: 0.2, SCENARIOS["steps"]: 0.5, SCENARIOS["walk"]: 1.0}
 """Weight of each task of a session, independent of its length."""
+NEAR_OTHERS: Final = 5.0
+"""Weight of a session of several people, independent of its length and tasks; larger: Δd of two people falls, and that
+of people who walk alone rises. Chosen by leaving each session of two people out.
+"""
 EVERY: Final = 4
-"""Stride: neighbouring frames are nearly equal, so every fourth is used."""
+"""Stride for each person: neighbouring frames are nearly equal, so every fourth is used."""
 ROWS: Final = ("walk", "walk-frozen", "walk-cold", "steps-second-half")
 """Rows of the tables that show whether a bias helps."""
 
 
 class BiasSession(msgspec.Struct, frozen=True, eq=False):
-    """Training data of one study log: one participant with one placement of the sensors.
+    """Training data of one study log with one placement of the sensors: one participant, or people near each other.
 
     Attributes:
         study: the study log.
@@ -64,18 +69,23 @@ def make_tracker(model: JointBiasModel | None) -> Callable[[int], DefaultTracker
 
 
 def bias_session(study: StudySession) -> BiasSession | None:
-    """Convert a study log to training data; None unless it has two sensors, one person, and the task Walk.
+    """Convert a study log to training data; None unless it has two sensors, and several people or the task Walk.
 
-    Labels, clock offsets, facings and positions are the estimates of the method `default` without a bias at each frame;
-    the sensors' motions are fitted anew in training.
+    Of one person, `TASKS` are used; of several people, all tasks. Labels, clock offsets, facings and positions are the
+    estimates of the method `default` without a bias at each frame; the sensors' motions are fitted anew in training.
     """
-    pairs = study.pairs.where(np.isin(study.pairs.task, list(TASKS)))
-    if study.two_people or len(study.replay.sensors) != 2 or SCENARIOS["walk"] not in pairs.task:
+    if len(study.replay.sensors) != 2:
+        return None
+    if study.two_people:
+        pairs = study.pairs
+    else:
+        pairs = study.pairs.where(np.isin(study.pairs.task, list(TASKS)))
+        if SCENARIOS["walk"] not in pairs.task:
+            return None
+    pairs = pairs.where(study.sensor[pairs.rows].sum(axis=1) == 1)
+    if not len(pairs):
         return None
     plain = AsRun(study, make_tracker(None))
-    pairs = pairs.where(study.sensor[pairs.rows].sum(axis=1) == 1)
-    kept = np.zeros(len(pairs), dtype=np.bool_)
-    kept[::EVERY] = True
     known = known_before(study.frames, pairs)
     seen = seen_views(study, plain.whole, pairs, known, known)
     asked = asked_about(study, pairs, seen)  # of all pairs: velocities need the previous ones
@@ -83,12 +93,28 @@ def bias_session(study: StudySession) -> BiasSession | None:
     agreed = np.where(seen.swapped[..., None, None], seen.joints[:, :, TOPOLOGY.mirror], seen.joints)
     views = {"positions": agreed, "facing": asked.facing, "position": asked.position, "velocity": asked.velocity}
     each = np.arange(len(pairs))[:, None]
+    kept, weight = _kept(pairs), _weight(study, pairs)
+    ordered = {name: values[each, order][kept] for name, values in views.items()}
+    return BiasSession(study, plain, ViewPairs(weight=weight[kept], **ordered))
+
+
+def _kept(pairs: Pairs) -> NDArray[np.bool_]:
+    """Return which pairs (pairs,) are used: every `EVERY`-th of each person, from the first."""
+    kept = np.zeros(len(pairs), dtype=np.bool_)
+    for person in np.unique(pairs.person).tolist():
+        kept[np.flatnonzero(pairs.person == person)[::EVERY]] = True
+    return kept
+
+
+def _weight(study: StudySession, pairs: Pairs) -> NDArray[np.float64]:
+    """Return the weight of each pair (pairs,): of one person by `TASKS`, of several people by `NEAR_OTHERS`."""
+    if study.two_people:
+        return np.full(len(pairs), NEAR_OTHERS / len(pairs))
     weight = np.zeros(len(pairs))
     for task, share in TASKS.items():
         of_task = pairs.task == task
         weight[of_task] = share / max(of_task.sum(), 1)
-    ordered = {name: values[each, order][kept] for name, values in views.items()}
-    return BiasSession(study, plain, ViewPairs(weight=weight[kept], **ordered))
+    return weight
 
 
 def bias_sessions(
@@ -106,7 +132,9 @@ def bias_sessions(
     sessions = [session for session in found if session is not None]
     if not sessions:
         raise InputError(
-            "has nothing to learn a joint bias from", file=folder, fix="it wants logs of one person's Walk, two sensors"
+            "has nothing to learn a joint bias from",
+            file=folder,
+            fix="it wants logs of two sensors with one person's Walk, or with two people",
         )
     return sessions
 
@@ -118,6 +146,7 @@ def trained_on(sessions: Sequence[BiasSession]) -> dict[str, Any]:
         "participants": sorted({session.participant for session in sessions}),
         "sessions": len(sessions),
         "frames": sum(len(session.views.weight) for session in sessions),
+        "sessions_of_two_people": sum(session.study.two_people for session in sessions),
         "views": "two Kinect v2, parallel, 45° and 90° apart",
     }
 
@@ -148,8 +177,8 @@ def left_out(
         on_step: called with the name of each session before it is scored.
 
     Returns:
-        ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, and the fused skeleton's
-        figures as ``fused``.
+        ``without`` and ``with``, each by `ROWS` and placement as in docs/evaluation.md, the figures of two people as
+        ``interactions``, and the fused skeleton's as ``fused``; an empty one has no session.
     """
     logged, tallies = Tally(), {"without": Tally(), "with": Tally()}
     for session in sessions:
@@ -163,5 +192,6 @@ def left_out(
     for name, tally in tallies.items():
         scored = tally.as_json("", counts)
         out[name] = {row: scored["tasks"][row] for row in ROWS if row in scored["tasks"]}
-        out[name]["fused"] = scored["fused"]["all"]
+        out[name]["interactions"] = {k: v for k, v in scored["interactions"].items() if k.endswith("_cm")}
+        out[name]["fused"] = scored["fused"].get("all", {})
     return out
