@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -24,6 +25,8 @@ from mocapella.calibration.keypoint_bundle import (
     PeopleBundle,
     adjust_people,
 )
+from mocapella.calibration.keypoint_lenses import WrongLens, questioning_lenses
+from mocapella.calibration.stepwise import result_of
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply, inverse
 from mocapella.tracker.webcams_warmup import circle_of_cameras
@@ -66,17 +69,37 @@ def stature() -> float:
 
 
 @cache
-def adjusted(noise_px: float, *, alike: bool = False, free_lens: bool = True) -> AdjustedPeople:
+def views(noise_px: float) -> KeypointViews:
     shape = 3, BODIES, JOINTS
     camera, body, joint = (index.ravel() for index in np.meshgrid(*map(range, shape), indexing="ij"))
     seen = np.array([project(apply(one, joints()), lens) for one, lens in zip(T, TRUE, strict=True)]).reshape(-1, 2)
     seen += np.random.default_rng(0).normal(0.0, noise_px, seen.shape)
-    views = KeypointViews(
+    return KeypointViews(
         camera, body, joint, seen, np.zeros_like(seen), np.full(len(camera), 0.5), np.zeros(BODIES, np.int64),
         np.arange(BODIES) // 4,
     )  # fmt: skip
-    start = PeopleBundle(T, np.array([one.camera.lens for one in RIG]), np.zeros(3), joints(), log_lengths())
-    return adjust_people(views, start, prior(alike=alike, free_lens=free_lens), rounds=3)
+
+
+def solved(noise_px: float, lenses: Float64, before: BundlePrior) -> AdjustedPeople:
+    start = PeopleBundle(T, lenses, np.zeros(3), joints(), log_lengths())
+    return adjust_people(views(noise_px), start, before, rounds=3)
+
+
+@cache
+def adjusted(noise_px: float, *, alike: bool = False, free_lens: bool = True) -> AdjustedPeople:
+    lenses = np.array([one.camera.lens for one in RIG])
+    return solved(noise_px, lenses, prior(alike=alike, free_lens=free_lens))
+
+
+@cache
+def questioned(focal: float) -> tuple[AdjustedPeople, AdjustedPeople, tuple[WrongLens, ...]]:
+    """Return an adjustment with given lenses, of which the second's focal length is wrong by a factor, before and
+    after the lenses are questioned, and the contradicted lenses."""
+    lenses = TRUE.copy()
+    lenses[1, :2] *= focal
+    given = replace(prior(alike=False, free_lens=False), lens=lenses)
+    before = solved(2.0, lenses, given)
+    return before, *result_of(questioning_lenses(views(2.0), before, given))
 
 
 def off_m(found: Float64) -> float:
@@ -110,3 +133,36 @@ def test_cameras_of_one_model_have_lenses_that_are_nearly_equal_and_better_known
     for place in (FOCAL, BEND):
         sds = [np.sqrt(found.covariance[1, place, 1, place]) for found in (alone, same)]
         assert sds[1] < sds[0]
+
+
+def test_people_do_not_contradict_right_lenses() -> None:
+    before, after, wrong = questioned(1.0)
+    assert wrong == ()
+    assert after is before
+
+
+def test_people_contradict_a_wrong_focal_length_and_tell_the_likely_one() -> None:
+    before, after, wrong = questioned(1.1)
+    worst = max(wrong, key=lambda one: one.sds)
+    assert worst.camera == 1
+    focal, sd = worst.likely_focal_px
+    assert abs(focal - TRUE[1, 0]) < min(3 * sd, 0.3 * abs(worst.focal_px - TRUE[1, 0]))
+    stated = [np.sqrt(np.trace(found.covariance[1, :3, 1, :3])) for found in (before, after)]
+    true = T[1][:3, 3] / np.linalg.norm(T[1][:3, 3])
+    off = np.linalg.norm(after.bundle.T_camera_world[1, :3, 3] - true * np.linalg.norm(T[1][:3, 3]))
+    assert stated[0] < 0.5 * off
+    assert stated[1] > 0.5 * off
+
+
+def test_free_lenses_are_not_questioned() -> None:
+    found = adjusted(2.0)
+    after, wrong = result_of(questioning_lenses(views(2.0), found, prior(alike=False)))
+    assert after is found
+    assert wrong == ()
+
+
+def test_the_covariance_is_not_below_the_bound_of_independent_errors() -> None:
+    found = adjusted(2.0)
+    sds, least = (np.einsum("kiki->ki", of) for of in (found.covariance, found.bound))
+    assert (sds >= least * (1 - 1e-9)).all()
+    assert (least[:, list(LENS)] > 0).all()

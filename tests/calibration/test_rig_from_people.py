@@ -148,7 +148,7 @@ def test_a_person_who_stands_still_is_not_enough_and_it_is_said(monkeypatch: pyt
     assert np.all(1e3 * pose_errors(found.rig, rig)[0] < 2.5 * sds_mm)
     assert sds_mm.min() > 300
     for name in found.cameras:
-        assert any(f"camera {name} is uncertain by" in note and "walk about" in note for note in found.notes)
+        assert any(f"camera {name} may be off by" in note and "walk about" in note for note in found.notes)
     monkeypatch.setattr(rig_from_people, "LARGEST_SD_M", 0.3)
     with pytest.raises(CalibrationError, match=r"is not determined.*walk about"):
         solve_people(tracks, None, QUICK)

@@ -96,11 +96,11 @@ def test_a_real_clip_of_a_person_in_one_place_is_calibrated_and_called_uncertain
 
 
 def test_the_errors_of_rigs_are_a_table_of_what_was_known_of_the_lenses() -> None:
-    numbers = (16.9, 0.25, 0.0, 3.5, 1.01, 0.32, 34.0, 0.6)
+    numbers = (16.9, 0.25, 0.0, 3.5, 1.01, 0.32, 34.0, 22.0, 0.6)
     known = [(True, False), (False, False), (False, True)]
     rows = [RigErrorRow("two-walk", 0, *lenses, *numbers, good=True) for lenses in known]
     out = StringIO()
     show_rig_errors(rows, Console(file=out, width=80))
     lines = [line.split() for line in out.getvalue().splitlines() if line.startswith("two-walk")]
     assert [line[2] for line in lines] == ["given", "found", "alike"]
-    assert lines[0][3:] == ["16.9", "0.25", "0.0", "3.5", "1.010", "0.32", "34", "0.6", "yes"]
+    assert lines[0][3:] == ["16.9", "0.25", "0.0", "3.5", "1.010", "0.32", "34/22", "0.6", "yes"]

@@ -38,6 +38,10 @@ def test_people_in_films_calibrate_the_cameras_and_are_tracked(tmp_path: Path) -
     assert all(camera.used > 0.5 * camera.detections for camera in report.cameras.values())
     assert counts.tracked > 0.8 * counts.instants
     assert "rig" in open_take(tmp_path / "walk.mcap").info.method_settings
+    clocks_ns = {name: round(1e9 * placed.clock_s) for name, placed in found.rig.cameras.items()}
+    assert any(clocks_ns.values())
+    common = [frame.time_ns - clocks_ns[name] for name, some in sorted(found_in.items()) for frame in some]
+    assert [frame.time_ns for frame in take_frames([tmp_path / "walk.mcap"])] == common
 
 
 def test_kept_keypoints_calibrate_the_cameras_as_those_in_memory(tmp_path: Path) -> None:

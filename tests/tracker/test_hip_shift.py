@@ -11,9 +11,14 @@ from hypothesis import strategies as st
 
 from mocapella.association.keypoint_rays import BONES, SHARES, halpe_keypoints, sources_named
 from mocapella.evaluation.keypoint_clips import mediapipe_clip
+from mocapella.fusion.one_camera import camera_of_view
 from mocapella.fusion.point_tracks import triangulate_tracks
+from mocapella.geometry.lens import undistort
+from mocapella.model.keypoints import keypoint_frame
 from mocapella.model.topology import topology
 from mocapella.recording.image_tracks_file import read_image_tracks
+from mocapella.tracker.one_webcam import OneWebcamTracker
+from mocapella.tracker.silhouette_keypoints import seen_keypoints
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 HALPE, MEDIAPIPE = topology("halpe_26"), topology("mediapipe_pose")
@@ -70,3 +75,26 @@ def test_keypoints_of_halpe_stay() -> None:
     pixels = np.random.default_rng(1).normal(size=(3, 26, 2))
     places, _ = halpe_keypoints("halpe_26", pixels, np.ones((3, 26)))
     np.testing.assert_array_equal(places, pixels)
+
+
+def test_one_webcam_and_silhouettes_shift_hips_as_webcams_does() -> None:
+    rng = np.random.default_rng(2)
+    pixels, relative = rng.uniform(0.0, 400.0, (1, 33, 2)), rng.normal(size=(1, 33, 3))
+    frame = keypoint_frame(
+        "cam0", MEDIAPIPE, time_ns=1, size_px=(640, 480), positions_px=pixels, confidences=0.9, relative=relative
+    )
+    lens = camera_of_view((640, 480), 1.1)
+    slopes, body, _ = OneWebcamTracker()._seen(frame, 0, lens)
+    beside = seen_keypoints(frame, 1)
+    assert beside is not None
+    for side, name in (("L", "LEFT"), ("R", "RIGHT")):
+        hip, own, shoulder = (
+            HALPE.index(f"{side}Hip"),
+            MEDIAPIPE.index(f"{name}_HIP"),
+            MEDIAPIPE.index(f"{name}_SHOULDER"),
+        )
+        share = SHIFTS[hip][1]
+        place, there = (of[0, own] + share * (of[0, shoulder] - of[0, own]) for of in (pixels, relative))
+        np.testing.assert_allclose(beside.pixels[0, hip], place, atol=1e-3)
+        np.testing.assert_allclose(slopes[hip], undistort(place[None], lens)[0], atol=1e-5)
+        np.testing.assert_allclose(body[hip], there, atol=1e-5)

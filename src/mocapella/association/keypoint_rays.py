@@ -211,7 +211,7 @@ def halpe_keypoints(
 
     Args:
         name: name of a topology that `sources_named` maps.
-        pixels: (detections, keypoints, 2) [px]; NaN where not seen.
+        pixels: (detections, keypoints, 2) [px], or places in space (detections, keypoints, 3); NaN where not seen.
         confidences: (detections, keypoints) 0 to 1.
     """
     sources: Any = sources_named(name)

@@ -155,12 +155,15 @@ class AdjustedPeople:
         residual_px: (n, 2) measured minus projected keypoints [px].
         sigma: robust standard deviation of a keypoint's coordinate, of relative standard deviation 1 [px].
         covariance: (cameras, 11, cameras, 11); 0 for fixed values.
+        bound: (cameras, 11, cameras, 11) covariance if the errors of all keypoints were independent, Gaussian and of
+            the assumed relative sizes: no estimate from these keypoints and this prior is more certain (Cramér–Rao).
     """
 
     bundle: PeopleBundle
     residual_px: Float64
     sigma: float
     covariance: Float64
+    bound: Float64
 
 
 @dataclass(frozen=True)
@@ -216,7 +219,7 @@ def adjusting_people(
         if abs(sigma - before) <= 0.01 * sigma:
             break
     nothing = np.zeros((len(bundle.lenses), CAMERA) * 2)
-    return AdjustedPeople(bundle, _residual(views, bundle), sigma, nothing)
+    return AdjustedPeople(bundle, _residual(views, bundle), sigma, nothing, nothing)
 
 
 def _seen(views: KeypointViews) -> Bool:
@@ -554,8 +557,10 @@ def stating_covariance(views: KeypointViews, adjusted: AdjustedPeople, prior: Bu
     yield
     lasting = _lasting_pulls(views, bundle, prior, sigma, solved) @ inverse[:, own]
     total = factor * inner * np.outer(spread, spread) + lasting.T @ lasting
-    covariance = np.where(mask[:, None] & mask, total, 0.0)
-    return replace(adjusted, covariance=covariance.reshape(cameras, CAMERA, cameras, CAMERA))
+    covariance, bound = (
+        np.where(mask[:, None] & mask, of, 0.0).reshape(cameras, CAMERA, cameras, CAMERA) for of in (total, inner)
+    )
+    return replace(adjusted, covariance=covariance, bound=bound)
 
 
 def _lasting_pulls(

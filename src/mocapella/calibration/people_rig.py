@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_bundle import CLOCK, FOCAL
 from mocapella.calibration.keypoint_gauge import aligned_sds
+from mocapella.calibration.keypoint_lenses import WrongLens
 from mocapella.calibration.people_floor import PeopleFloor, find_floor, world_frame
 from mocapella.calibration.rig_from_people import STATURE_M, PeopleSolution
 from mocapella.errors import CalibrationError, SettingsError, one_of
@@ -38,9 +39,12 @@ DISTANCE_SD_M: Final = 0.005
 LEAST_EXTENT_M: Final = 0.35
 """Extent of people's ways (root mean square distance from their middle) below which they should walk more [m]."""
 POOR_MM: Final = 40.0
-"""Standard deviation of a position above which a camera is not well placed [mm]."""
+"""Error of a position above which a camera is not well placed [mm]."""
 POOR_DEG: Final = 1.0
-"""Standard deviation of a direction above which a camera is not well placed [°]."""
+"""Error of a direction above which a camera is not well placed [°]."""
+SURE: Final = 1.8
+"""An error is less than this many standard deviations with a probability of about 95 %: between 1.61, if it is alike
+along all three axes, and 1.96, if it is along one. The standard deviation is that of all axes together."""
 POOR_FOCAL: Final = 0.05
 """Relative standard deviation of a focal length above which it is not determined."""
 
@@ -102,6 +106,21 @@ class PlacedByPeople(msgspec.Struct, frozen=True):
     clock_ms: float
     moved: bool = False
 
+    @property
+    def likely_mm(self) -> float:
+        """Limit of the position's error, with a probability of about 95 % (`SURE`) [mm]."""
+        return SURE * self.position_sd_mm
+
+    @property
+    def likely_deg(self) -> float:
+        """Limit of the direction's error, with a probability of about 95 % (`SURE`) [°]."""
+        return SURE * self.rotation_sd_deg
+
+    @property
+    def well_placed(self) -> bool:
+        """Whether the errors of position and direction are small, with a probability of about 95 %."""
+        return self.likely_mm <= POOR_MM and self.likely_deg <= POOR_DEG
+
 
 class RigFromPeople(msgspec.Struct, frozen=True, eq=False):
     """A rig that people calibrated, and its quality.
@@ -119,6 +138,7 @@ class RigFromPeople(msgspec.Struct, frozen=True, eq=False):
         stature_m: median stature of the people with this scale [m].
         extent_m: root mean square distance of a person from its own middle place, of the one who walks most [m].
         notes: what would make it better.
+        wrong_lenses: cameras whose given lenses the people contradict; their standard deviations say so.
     """
 
     rig: CameraRig
@@ -133,14 +153,17 @@ class RigFromPeople(msgspec.Struct, frozen=True, eq=False):
     stature_m: float
     extent_m: float
     notes: list[str]
+    wrong_lenses: tuple[str, ...] = ()
 
     @property
     def good(self) -> bool:
-        """Whether people walked about, and standard deviations are at most 40 mm, 1° and 5 % of each focal length."""
-        return self.extent_m >= LEAST_EXTENT_M and all(
-            c.position_sd_mm <= POOR_MM and c.rotation_sd_deg <= POOR_DEG and c.focal_sd_percent <= 100 * POOR_FOCAL
-            for c in self.cameras.values()
-        )
+        """Whether people walked about and contradict no given lens, and each camera is known well.
+
+        Its errors are at most 40 mm and 1° with a probability of 95 % (`SURE`), and the standard deviation of its
+        focal length is at most 5 %.
+        """
+        known = self.extent_m >= LEAST_EXTENT_M and not self.wrong_lenses
+        return known and all(c.well_placed and c.focal_sd_percent <= 100 * POOR_FOCAL for c in self.cameras.values())
 
 
 @dataclass(frozen=True)
@@ -194,9 +217,22 @@ def place_rig(found: PeopleSolution, scale: RigScale | None = None, old: CameraR
     seen = RigFromPeople(
         rig, quality, scaled.words, scaled.sd, scaled.guessed, bool(np.isfinite(floor.height_m)),
         math.degrees(floor.up_sd_rad), len(bundle.log_lengths), len(np.unique(found.at_s)),
-        scaled.factor * floor.stature_m, extent, [],
+        scaled.factor * floor.stature_m, extent, [], tuple(found.names[one.camera] for one in found.wrong_lenses),
     )  # fmt: skip
-    return msgspec.structs.replace(seen, notes=_notes(seen))
+    return msgspec.structs.replace(
+        seen, notes=[*_notes(seen), *map(_contradiction, found.wrong_lenses, seen.wrong_lenses)]
+    )
+
+
+def _contradiction(wrong: WrongLens, name: str) -> str:
+    """Describe a given lens that people contradict, with the likely one and the remedy."""
+    focal, sd = wrong.likely_focal_px
+    x, y = wrong.likely_centre_px
+    return (
+        f"camera {name}: the people contradict its given lens by {wrong.sds:.0f} standard deviations: its focal length "
+        f"of {wrong.focal_px:.0f} px is more likely {focal:.0f} ± {sd:.0f} px, with the principal point near "
+        f"({x:.0f}, {y:.0f}) px: calibrate the lens with a board, or leave it out"
+    )
 
 
 def combined(new: PlacedCamera, old: PlacedCamera) -> PlacedCamera:
@@ -327,10 +363,10 @@ def _notes(seen: RigFromPeople) -> list[str]:
             f"people stayed within {seen.extent_m:.1f} m, where errors exceed the stated ones: walk about the room"
         )
     for name, camera in seen.cameras.items():
-        if camera.position_sd_mm > POOR_MM or camera.rotation_sd_deg > POOR_DEG:
+        if not camera.well_placed:
             notes.append(
-                f"camera {name} is uncertain by {camera.position_sd_mm:.0f} mm and {camera.rotation_sd_deg:.1f}°: walk "
-                "about where it and others see you"
+                f"camera {name} may be off by {camera.likely_mm:.0f} mm and {camera.likely_deg:.1f}°: walk about for "
+                "longer, where it and others see you"
             )
         if camera.focal_sd_percent > 100 * POOR_FOCAL:
             notes.append(

@@ -36,6 +36,7 @@ from mocapella.calibration.keypoint_bundle import (
     stating_covariance,
 )
 from mocapella.calibration.keypoint_gauge import aligned_sds
+from mocapella.calibration.keypoint_lenses import WrongLens, questioning_lenses
 from mocapella.calibration.keypoint_pairs import CameraPair, SampledTracks, finding_pair, rescored
 from mocapella.calibration.keypoint_people import PersonPassage, join_people
 from mocapella.calibration.keypoint_start import LEAST_ANGLE_RAD, spanning_tree, tree_poses, triangulate_rays
@@ -92,7 +93,7 @@ class RigFromPeopleSettings:
         SettingsError: a value is invalid; names it and the valid values.
     """
 
-    instants: int = 300
+    instants: int = 600
     every_s: float = 0.1
     passage_instants: int = 10
     clock_search_s: float = 0.0
@@ -123,6 +124,7 @@ class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
         at_s: (bodies,) time of each body, on the first camera's clock [s].
         lens_known: (cameras,) whether the focal length was given.
         people: (bodies, 26, 3) all joints in the first camera's frame [m]; NaN where fewer than two cameras agree.
+        wrong_lenses: given lenses that the people contradict.
     """
 
     names: tuple[str, ...]
@@ -133,6 +135,7 @@ class PeopleSolution(msgspec.Struct, frozen=True, eq=False):
     at_s: Float64
     lens_known: NDArray[np.bool_]
     people: Float64
+    wrong_lenses: tuple[WrongLens, ...] = ()
 
 
 class _Data(msgspec.Struct, frozen=True, eq=False):
@@ -374,12 +377,13 @@ def _solution(
         if np.abs(moved).max() < _SETTLED_S and turn:
             break
         clocks = clocks + moved
-    people = np.zeros((0, len(HALPE), 3))
+    people, wrong = np.zeros((0, len(HALPE), 3)), tuple[WrongLens, ...]()
     if complete:
         adjusted = yield from stating_covariance(views, adjusted, prior)
+        adjusted, wrong = yield from questioning_lenses(views, adjusted, prior)
         yield
         people = _all_joints(data, sightings, clocks, adjusted.bundle)
-    return PeopleSolution(data.names, data.sizes_px, adjusted, clocks, views, at_s, start.lens_known, people)
+    return PeopleSolution(data.names, data.sizes_px, adjusted, clocks, views, at_s, start.lens_known, people, wrong)
 
 
 def _all_joints(data: _Data, sightings: Sequence[PersonPassage], clocks: Float64, bundle: PeopleBundle) -> Float64:

@@ -28,7 +28,7 @@ class PeopleRigKeys:
 
     order: Annotated[str, ORDER] = "auto"
     camera_height: Annotated[str, KeySpec("Height of a camera above the floor, for the scale.", "NAME:METRES")] = ""
-    instants: Annotated[int, KeySpec("Most instants that are used.", "instants")] = 300
+    instants: Annotated[int, KeySpec("Most instants that are used.", "instants")] = 600
     every_s: Annotated[float, KeySpec("Shortest interval between instants.", "s")] = 0.1
     clock_search_s: Annotated[float, KeySpec("Largest difference of two cameras' clocks to search.", "s")] = 0.0
     same_lenses: Annotated[bool, KeySpec("All cameras of one image size are of one model.")] = False

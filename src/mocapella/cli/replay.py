@@ -136,12 +136,13 @@ def _changes(
     from mocapella.live.recordings import open_recording
     from mocapella.live.track_again import Changes
     from mocapella.settings import merged
-    from mocapella.tracker.method_files import settings_of_files
+    from mocapella.tracker.method_files import settings_of_files, settings_of_rig_for_recording
 
     rig, settings = rig_and_settings
     if rig is not None:
         tracked_with = method or open_recording(file, Changes(placement=placement)).setup.method
         settings = merged(settings, settings_of_files(tracked_with, {"rig": rig}))
+        settings = settings_of_rig_for_recording(tracked_with, settings)
     layout = None if keys.layout is None else load_layout_option(keys.layout)
     return Changes(method, settings, placement, layout, keys.recalibrate)
 

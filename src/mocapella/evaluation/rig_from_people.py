@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.calibration.keypoint_bundle import JOINTS
+from mocapella.calibration.keypoint_gauge import aligned_sds
 from mocapella.calibration.keypoint_start import triangulate_rays
 from mocapella.calibration.keypoint_tracks import collect_tracks
 from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
@@ -45,6 +46,8 @@ class RigErrorRow(msgspec.Struct, frozen=True):
         nees: mean normalised squared error of the poses relative to the first camera's; 1 if the stated covariance is
             right.
         stated_mm: worst stated standard deviation of a position.
+        bound_mm: worst standard deviation of a position that independent errors of the keypoints would leave, see
+            `AdjustedPeople.bound`.
         shift_px: largest shift of a person as a whole against the true rig, see `shift_of_people`.
         good: whether the calibration says that it is good.
     """
@@ -60,6 +63,7 @@ class RigErrorRow(msgspec.Struct, frozen=True):
     stature_scale: float
     nees: float
     stated_mm: float
+    bound_mm: float
     shift_px: float
     good: bool
 
@@ -123,8 +127,18 @@ def run_frames(
         name, seed, lenses, same_lenses, 1e3 * float(position.max()), math.degrees(float(direction.max())),
         100 * float(np.abs(focal).max()), 1e3 * float(np.abs(clocks - clocks[0]).max()), scale,
         float(np.mean(normalised_squares(found, true))),
-        max(c.position_sd_mm for c in found.cameras.values()), shift_of_people(solved, true), found.good,
+        max(c.position_sd_mm for c in found.cameras.values()), 1e3 * _bound_m(solved, found),
+        shift_of_people(solved, true), found.good,
     )  # fmt: skip
+
+
+def _bound_m(solved: PeopleSolution, found: RigFromPeople) -> float:
+    """Return the worst standard deviation of a position if the keypoints' errors were independent [m]."""
+    own, adjusted = solved.adjusted.bundle.T_camera_world, solved.adjusted
+    first, *_, last = (_centre(found.rig, name) for name in solved.names)
+    apart = np.linalg.norm(inverse(own[0])[:3, 3] - inverse(own[-1])[:3, 3])
+    sds = aligned_sds(own, adjusted.bound[:, :6, :, :6])[0]
+    return float(np.linalg.norm(first - last) / apart * sds.max())
 
 
 def shift_of_people(solved: PeopleSolution, true: CameraRig) -> float:

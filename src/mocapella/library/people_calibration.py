@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from mocapella.association.keypoint_rays import sources_named
 from mocapella.calibration.keypoint_tracks import CameraTracks, collect_tracks
 from mocapella.calibration.people_rig import RigFromPeople, RigScale, place_rig
@@ -20,7 +22,7 @@ from mocapella.model.point_tracks import match_cameras
 from mocapella.recording.detection_files import read_detections
 from mocapella.recording.detections import AUTO, CameraDetections, keypoint_frames
 from mocapella.recording.disk import SUFFIX
-from mocapella.recording.take_reader import read_take
+from mocapella.recording.take_reader import RawFrame, read_take
 
 Progress = Callable[[str], None]
 
@@ -73,6 +75,8 @@ def calibrate_people(
 def take_frames(paths: Sequence[Path]) -> list[KeypointFrame]:
     """Return the keypoint frames of people in a take, each camera's in the order of their times.
 
+    The times are on the common clock of the take, on which the method ``webcams`` tracks it again.
+
     Raises:
         InputError: there are several files, or the take has no such frames, or cannot be read.
         SchemaVersionError: the take was made with another message schema.
@@ -80,9 +84,11 @@ def take_frames(paths: Sequence[Path]) -> list[KeypointFrame]:
     if len(paths) > 1:
         raise InputError("a take is given beside other files", file=paths[0], fix="give one take alone")
     take = read_take(paths[0])
-    stored = (one.frame for sensor in take.sensors for one in take.frames(sensor))
+    events = (event for run in take.runs for event in take.raw_run(run.number) if isinstance(event, RawFrame))
     frames = [
-        frame for frame in stored if isinstance(frame, KeypointFrame) and sources_named(frame.topology.name) is not None
+        msgspec.structs.replace(event.stored.frame, time_ns=event.at_ns)
+        for event in events
+        if isinstance(event.stored.frame, KeypointFrame) and sources_named(event.stored.frame.topology.name) is not None
     ]
     if not frames:
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from mocapella.recording.disk import take_path
 from mocapella.recording.take_trajectories import labels_of_setup
 from mocapella.settings import merged
 from mocapella.tracker import METHODS
-from mocapella.tracker.method_files import settings_of_files
+from mocapella.tracker.method_files import settings_of_files, settings_of_rig_for_recording
 
 
 def track(
@@ -75,7 +76,9 @@ def track(
 def _opened(path: Path, changes: Changes) -> TrackableRecording:
     if any(isinstance(value, Path) for value in changes.settings.values()):
         recorded = open_recording(path, Changes(placement=changes.placement)).setup.method
-        changes = _with_files(changes, changes.method or recorded)
+        method = changes.method or recorded
+        read = _with_files(changes, method)
+        changes = replace(read, settings=settings_of_rig_for_recording(method, read.settings))
     return open_to_track(path, changes)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,22 @@ def settings_of_files(method: str, files: Mapping[str, Path | Sequence[Path] | N
             raise SettingsError(f"{name}: the method {method} wants no such file; {wanted}")
         told = merged(told, load(readers[option])(paths))
     return told
+
+
+def settings_of_rig_for_recording(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings that use the clock offsets of a rig that is given for a recording.
+
+    `mocapella calibrate people` states clocks on the times of the recording's frames. Live sessions have other clocks.
+
+    Args:
+        method: name of the tracking method.
+        settings: settings of `settings_of_files`, and others.
+
+    Returns:
+        The settings, with ``rig_clocks`` where a rig is among them, the method has this setting, and none is given.
+    """
+    able = "rig_clocks" in {one.name for one in fields(METHODS.find(method).settings)}
+    return {"rig_clocks": True, **settings} if able and "rig" in settings else dict(settings)
 
 
 def camera_rig(paths: Sequence[Path]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.keypoint_rays import sources_named
+from mocapella.association.keypoint_rays import halpe_keypoints, sources_named
 from mocapella.conventions import NS_PER_S
 from mocapella.decoding import FAULTS, convert, decode_msgpack
 from mocapella.errors import MocapellaError, WireError
@@ -235,13 +235,18 @@ class OneWebcamTracker:
         return tuple(sorted(shown, key=lambda one: one.id))
 
     def _seen(self, frame: KeypointFrame, k: int, lens: Float64) -> tuple[Float64, Float64, Float64]:
-        """Return a detection's slopes, relative body and standard deviations of the slopes, as Halpe's joints."""
-        sources: Any = sources_named(frame.topology.name)
-        there = sources >= 0
-        pixels = np.where(there[:, None], frame.positions_px[k][sources], np.nan).astype(np.float64)
-        sure = np.where(there, frame.confidences[k][sources], 0.0)
+        """Return a detection's slopes, relative body and standard deviations of the slopes, as Halpe's joints.
+
+        Joints that the topology shifts are shifted in the image and in the body, see `halpe_keypoints`.
+        """
         assert frame.relative is not None
-        relative = np.where(there[:, None], frame.relative[k][sources], np.nan).astype(np.float64)
+        name, confidences = frame.topology.name, frame.confidences[k : k + 1]
+        places, certain = halpe_keypoints(name, frame.positions_px[k : k + 1], confidences)
+        body, _ = halpe_keypoints(name, frame.relative[k : k + 1], confidences)
+        there = (np.asarray(sources_named(name)) >= 0)[:, None]
+        pixels = np.where(there, places[0], np.nan).astype(np.float64)
+        relative = np.where(there, body[0], np.nan).astype(np.float64)
+        sure = certain[0]
         pixels[sure < LEAST] = np.nan
         sds = self.settings.sd_px / lens[0] / np.maximum(sure, LEAST)
         return undistort(pixels, lens), relative, sds

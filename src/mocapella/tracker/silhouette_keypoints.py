@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mocapella.association.keypoint_rays import SPREADS, sources_of
+from mocapella.association.keypoint_rays import SPREADS, halpe_keypoints, sources_named
 from mocapella.geometry.plucker import camera_rays
 from mocapella.geometry.rigid import inverse
 from mocapella.kinematics.keypoint_lines import KeypointLineSettings, LandmarkLines
@@ -53,13 +53,14 @@ class SeenKeypoints(msgspec.Struct, frozen=True, eq=False):
 
 
 def seen_keypoints(frame: KeypointFrame, at_ns: int) -> SeenKeypoints | None:
-    """Return a frame's detections with the joints of ``halpe_26``; None if its topology has no mapping to them."""
-    sources = sources_of(frame.topology)
-    if sources is None:
+    """Return a frame's detections with the joints of ``halpe_26``; None if its topology has no mapping to them.
+
+    Joints that the topology shifts are shifted, see `mocapella.association.keypoint_rays.halpe_keypoints`.
+    """
+    if sources_named(frame.topology.name) is None:
         return None
-    there = sources >= 0
-    sure = np.where(there, frame.confidences[:, sources], 0.0)
-    pixels = np.where((sure > 0)[..., None], frame.positions_px[:, sources], np.nan).astype(np.float64)
+    places, sure = halpe_keypoints(frame.topology.name, frame.positions_px, frame.confidences)
+    pixels = np.where((sure > 0)[..., None], places, np.nan).astype(np.float64)
     return SeenKeypoints(at_ns, pixels, np.where(np.isfinite(pixels).all(axis=-1), sure, 0.0))
 
 

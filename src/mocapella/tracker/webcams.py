@@ -54,7 +54,7 @@ from mocapella.tracker.webcams_conditions import count_strangers, disagreeing, p
 from mocapella.tracker.webcams_hands import KINDS as HAND_KINDS
 from mocapella.tracker.webcams_hands import WebcamsHands
 from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
-from mocapella.tracker.webcams_identity import Identities, LostPerson, ready
+from mocapella.tracker.webcams_identity import Identities, LostPerson, floor_of, ready
 from mocapella.tracker.webcams_markers import MEMORY as MARKERS_MEMORY
 from mocapella.tracker.webcams_markers import HandMarkers
 from mocapella.tracker.webcams_memory import CANDIDATE, CameraCounts, PeopleArrays, no_counts, no_people
@@ -78,8 +78,8 @@ class WebcamsTracker:
     """Tracker of the method ``webcams``: people and hands, from the keypoints that calibrated cameras see.
 
     Args:
-        rig: the cameras' intrinsics and poses; their clock offsets are ignored, because arrivals have the common clock.
-            None: the cameras calibrate themselves while people walk about.
+        rig: the cameras' intrinsics and poses; their clock offsets are used with the setting ``rig_clocks`` only,
+            because arrivals have the common clock. None: the cameras calibrate themselves while people walk about.
         settings: settings of every stage; the defaults if None.
         sensors_expected: number of cameras to wait for, at least two, limited to the number in a given rig.
 
@@ -123,7 +123,8 @@ class WebcamsTracker:
         self._column = {name: i for i, name in enumerate(names)}
         self._sensors_expected = min(max(self._wanted, 2), len(names))
         placed = [rig.cameras[name] for name in names]
-        self._clocks_s = [0.0 if self._own is None else one.clock_s for one in placed]
+        used = self._own is not None or self.settings.rig_clocks
+        self._clocks_s = [one.clock_s if used else 0.0 for one in placed]
         poses = [inverse(one.T_camera_world) for one in placed]
         self._cameras = CameraArrays(
             np.array([one.camera.lens for one in placed], dtype=np.float64),
@@ -341,7 +342,10 @@ class WebcamsTracker:
             kernels.forget(people, row)
         if (people.ids == CANDIDATE).any():
             returns = partial(self._identities.returns, people, at_s=at_s)
-            for row in ready(people, s, agreed, self._cameras.origins, missed=self._counts.missed, known=returns):
+            for row in ready(
+                people, s, agreed, self._cameras.origins, missed=self._counts.missed, floor=floor_of(people),
+                known=returns,
+            ):  # fmt: skip
                 self._identities.confirm(people, row, at_s, agreed, kernels.forget)
         self._look_for_strangers(pixels, rays, delivered)
         self._hands.update(instant, matches, people, self._markers.take(instant.at_ns, self._column))

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.calibration.people_rig import LEAST_EXTENT_M, POOR_DEG, POOR_MM, RigFromPeople, RigScale
+from mocapella.calibration.people_rig import LEAST_EXTENT_M, POOR_DEG, POOR_MM, SURE, RigFromPeople, RigScale
 from mocapella.calibration.people_rig_live import REMEMBERED as LIVE_REMEMBERED
 from mocapella.calibration.people_rig_live import WALK, LiveRigFromPeople
 from mocapella.geometry.rigid import inverse, rigid, rotation_about_y
@@ -118,8 +118,8 @@ class SelfCalibration:
             return ""
         position_m, rotation_deg = _worst(self._used)
         return (
-            f"the cameras are known to ± {1e3 * position_m:.0f} mm and {rotation_deg:.1f}° only ({POOR_MM:.0f} mm and "
-            f"{POOR_DEG:g}° are good): walk on, nearer and farther; it gets better"
+            f"the cameras may be off by {1e3 * SURE * position_m:.0f} mm and {SURE * rotation_deg:.1f}° "
+            f"({POOR_MM:.0f} mm and {POOR_DEG:g}° are good): walk on, nearer and farther; it gets better"
         )
 
     def places(self, placed: tuple[SensorPlace, ...]) -> tuple[SensorPlace, ...]:

@@ -57,6 +57,8 @@ class WebcamsSettings:
             with larger errors of moving people [s].
         time_sd_s: standard deviation of the errors of the cameras' times, which are estimated while people move;
             larger: errors are followed farther, also errors of a rig that look like them; 0: times are exact [s].
+        rig_clocks: whether the clock offsets of a given rig are subtracted from the times of the frames; `mocapella
+            replay --rig` sets it, because the rig may be calibrated from the recording's people.
         silent_after_s: a camera without a frame for this long is not waited for; larger: a camera that stops delays
             the others longer [s].
         missing_after_s: while people are tracked, a camera without a usable frame for this long counts as missing, and
@@ -89,6 +91,7 @@ class WebcamsSettings:
     slow_error_s: float = 0.08
     late_s: float = 0.2
     time_sd_s: float = TIME_SD_S
+    rig_clocks: bool = False
     silent_after_s: float = 0.3
     missing_after_s: float = 2.0
     calibration: LiveRigSettings = field(default_factory=LiveRigSettings)
