@@ -110,7 +110,7 @@ def test_keypoints_of_detectors_are_single_joints_of_halpe(kind: Topology) -> No
 
 def test_the_topologies_of_detectors_have_a_mapping_to_halpe() -> None:
     assert {kind.name: len(kind.mappings["halpe_26"]) for kind in ALL if "halpe_26" in kind.mappings} == {
-        "body_25": 24, "body_25b": 25, "coco_17": 17, "coco_18": 17, "coco_wholebody_133": 23, "halpe_136": 26,
+        "body_25": 25, "body_25b": 25, "coco_17": 17, "coco_18": 18, "coco_wholebody_133": 23, "halpe_136": 26,
         "mediapipe_pose": 21,
     }  # fmt: skip
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mocapella.association.keypoint_rays import halpe_keypoints
 from mocapella.errors import InputError, SettingsError
 from mocapella.model.keypoints import NO_ID
 from mocapella.model.topology import topology
@@ -26,6 +27,7 @@ from mocapella.recording.detections import (
     order_of_25,
     topology_by_names,
 )
+from mocapella.tracker.webcams_warmup import standing_person
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 ANIMAL = ("snout", "left_ear", "tail")
@@ -156,6 +158,58 @@ def test_the_two_orders_of_25_points_are_told_apart_by_places(seed: int) -> None
     assert order_of_25(body_25(seed, b=True)) == "BODY_25B"
     assert order_of_25(body_25(seed, b=False)) == "BODY_25"
     assert order_of_25(np.ones((6, 25, 3))) is None
+
+
+def small_people(name: str, seed: int, height_px: float) -> np.ndarray:
+    """People (20, 25, 3) of a height in images, seen from any side, with errors of a pixel."""
+    own, random = topology(name), np.random.default_rng(seed)
+    at = dict(zip(topology("halpe_26").joints, standing_person(), strict=True))
+    at |= {"MidHip": at["Hip"]} | ({"Neck": (at["LShoulder"] + at["RShoulder"]) / 2} if name == "body_25" else {})
+    values = np.ones((20, 25, 3))
+    for one, turn in zip(values, random.uniform(0.0, 2.0 * np.pi, 20), strict=True):
+        body = np.array([at[joint] for joint in own.joints]) * height_px / 1.75
+        one[:, 0] = 100.0 + body[:, 0] * np.cos(turn) + body[:, 2] * np.sin(turn)
+        one[:, 1] = 100.0 - body[:, 1]
+    values[..., :2] += random.normal(0.0, 1.0, (20, 25, 2))
+    return values
+
+
+@given(st.integers(0, 10_000), st.floats(50.0, 90.0))
+def test_people_who_are_small_in_the_image_tell_the_order_of_25_points_too(seed: int, height_px: float) -> None:
+    for name in ("body_25", "body_25b"):
+        values = small_people(name, seed, height_px)
+        assert order_of_25(values) == name.upper()
+        values[..., 2] = 0.0
+        assert order_of_25(values) is None
+
+
+def test_people_of_a_recording_tell_the_order_of_25_points_also_if_they_are_made_small() -> None:
+    if not (DATA / "pose2sim_single_person").is_dir():
+        pytest.skip("pose2sim_single_person is not there")
+    folder = DATA / "pose2sim_single_person" / "pose" / "cam01_json"
+    found = only(read_detections([folder]))
+    values = [np.concatenate([one.positions_px, one.confidences[..., None]], -1) for one in found.frames]
+    people_seen = np.concatenate(values)
+    people_seen[..., :2] = np.round(people_seen[..., :2] / 12.0)
+    assert found.topology is topology("body_25b")
+    assert order_of_25(people_seen) == "BODY_25B"
+
+
+def test_18_points_of_openpose_are_read_as_its_order_says(tmp_path: Path) -> None:
+    names = topology("coco_18").joints
+    assert names[:8] == ("Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist")
+    rows = people(3, 2, 18)
+    rows[..., 2] = 0.9
+    found = only(read_detections([as_openpose(tmp_path / "cam", {0: rows})]))
+    assert found.topology is topology("coco_18")
+    halpe, (frame,) = topology("halpe_26"), found.frames
+    places, sure = halpe_keypoints("coco_18", frame.positions_px, frame.confidences)
+    for k, name in enumerate(names):
+        if name != "Neck":
+            np.testing.assert_allclose(places[:, halpe.index(name)], rows[:, k, :2])
+    assert (sure > 0).sum(axis=1).tolist() == [18, 18]
+    neck = rows[:, 1, :2] + 0.1 * (rows[:, 0, :2] - rows[:, 1, :2])
+    np.testing.assert_allclose(places[:, halpe.index("Neck")], neck)
 
 
 def test_a_wrongly_declared_order_is_refused(tmp_path: Path) -> None:

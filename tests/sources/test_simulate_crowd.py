@@ -13,7 +13,8 @@ import pytest
 from mocapella.errors import SettingsError
 from mocapella.geometry.lens import project
 from mocapella.geometry.rigid import apply
-from mocapella.sources.simulate.body import body_template
+from mocapella.model.topology import topology
+from mocapella.sources.simulate.body import JOINT, body_template
 from mocapella.sources.simulate.crowd import (
     CameraRing,
     CrowdPerson,
@@ -26,7 +27,13 @@ from mocapella.sources.simulate.crowd import (
     crowd_settings,
     ring_rig,
 )
-from mocapella.sources.simulate.keypoint_body import HALPE, face_hidden, halpe_positions, keypoint_weights
+from mocapella.sources.simulate.keypoint_body import (
+    HALPE,
+    detected_positions,
+    face_hidden,
+    halpe_positions,
+    keypoint_weights,
+)
 from mocapella.sources.simulate.keypoint_camera import PHANTOM, KeypointCameraSettings, SimulatedKeypoints
 from mocapella.sources.simulate.keypoint_errors import DetectorErrors, ErrorTables, detector_errors
 from mocapella.sources.simulate.keypoint_faults import NO_FAULTS, KeypointFaults
@@ -213,11 +220,24 @@ def test_clocks_run_apart_and_frames_are_lost() -> None:
     assert all(a.due_ns <= b.due_ns for a, b in pairwise(items(scene)))
 
 
-@pytest.mark.parametrize("name", ["coco_17", "body_25", "halpe_26"])
+@pytest.mark.parametrize("name", ["coco_17", "coco_18", "body_25", "body_25b", "halpe_26"])
 def test_topologies_have_all_their_keypoints(name: str) -> None:
     weights = keypoint_weights(name)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     assert {len(item.frame.topology) for item in items(made(topology=name, seconds=0.2))} == {len(weights)}
+
+
+@pytest.mark.parametrize("name", ["coco_18", "body_25"])
+def test_openposes_neck_is_halfway_between_the_shoulders(name: str) -> None:
+    body = REST.copy()
+    body[[JOINT["ShoulderLeft"], JOINT["ShoulderRight"]]] -= (0.0, 0.02, 0.0)
+    own, halpe = topology(name), halpe_positions(body)
+    places = keypoint_weights(name) @ detected_positions(body, name)
+    shoulders = halpe[[HALPE.index(f"{side}Shoulder") for side in "LR"]].mean(axis=0)
+    np.testing.assert_allclose(places[own.index("Neck")], shoulders)
+    np.testing.assert_allclose(places[own.index("Nose")], halpe[HALPE.index("Nose")])
+    assert halpe[HALPE.index("Neck"), 1] - shoulders[1] == pytest.approx(0.02)
+    np.testing.assert_array_equal(detected_positions(body, "halpe_26"), halpe)
 
 
 def test_a_topology_without_its_keypoints_is_refused() -> None:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import Matches, Rays
+from mocapella.model.topology import topology
 from mocapella.tracker.webcams import WebcamsTracker
-from mocapella.tracker.webcams_identity import Identities, ready
+from mocapella.tracker.webcams_identity import FLOOR_M, STANDING_S, Identities, floor_of, ready
 from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays, no_people
+from mocapella.tracker.webcams_people_kernels import DOUBLE_M, DOUBLE_S
 from mocapella.tracker.webcams_settings import WebcamsSettings
 from mocapella.tracker.webcams_warmup import circle_of_cameras, standing_person
 
@@ -19,6 +23,7 @@ Bools = NDArray[np.bool_]
 SETTINGS = WebcamsSettings()
 FOUR = circle_of_cameras(4)
 NONE_MISSED = np.zeros(4)
+ANKLE = topology("halpe_26").index("LAnkle")
 
 
 def person(number: int, *, hits: int = 100, walked_m: float = 0.0) -> PeopleArrays:
@@ -38,10 +43,13 @@ def cameras_at(*degrees: float) -> Float64:
     return 3.0 * np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1) + person(0).agreed_place[0]
 
 
-def confirmed(people: PeopleArrays, origins: Float64, missed: Float64 = NONE_MISSED, *, known: bool = False) -> bool:
+def confirmed(
+    people: PeopleArrays, origins: Float64, missed: Float64 = NONE_MISSED, *, known: bool = False,
+    floor: float = float("nan"),
+) -> bool:  # fmt: skip
     agreed = np.zeros((len(people.ids), 4), dtype=np.bool_)
     agreed[0, :2] = True
-    return ready(people, SETTINGS, agreed, origins, missed=missed, known=lambda _: known) == [0]
+    return ready(people, SETTINGS, agreed, origins, missed=missed, floor=floor, known=lambda _: known) == [0]
 
 
 @pytest.mark.parametrize(
@@ -60,6 +68,53 @@ def test_two_cameras_confirm_a_candidate_by_their_angle(
 ) -> None:
     people = person(CANDIDATE, walked_m=ROAMED_M if walked else 0.0)
     assert confirmed(people, cameras_at(0.0, degrees), known=known) == expected
+
+
+ANKLES_M = float(standing_person()[ANKLE, 1])
+"""Height of the ankles of a standing person [m]."""
+
+
+@pytest.mark.parametrize(
+    ("degrees", "floor", "after_s", "hits", "expected"),
+    [
+        (20.0, ANKLES_M, STANDING_S, LONG_SEEN, True),
+        (20.0, ANKLES_M + 0.9 * FLOOR_M, STANDING_S, LONG_SEEN, True),
+        (20.0, ANKLES_M - 2.0 * FLOOR_M, STANDING_S, LONG_SEEN, False),  # two strangers on one line
+        (20.0, float("nan"), STANDING_S, LONG_SEEN, False),
+        (20.0, ANKLES_M, 0.5 * STANDING_S, LONG_SEEN, False),
+        (20.0, ANKLES_M, STANDING_S, LONG_SEEN - 1, False),
+        (10.0, ANKLES_M, STANDING_S, LONG_SEEN, False),
+        (160.0, ANKLES_M, STANDING_S, LONG_SEEN, False),
+    ],
+)
+def test_a_candidate_who_stands_on_the_floor_may_be_seen_at_a_smaller_angle(
+    degrees: float, floor: float, after_s: float, hits: int, expected: bool
+) -> None:
+    people = person(CANDIDATE, hits=hits)
+    people.born_s[0] = people.at_s[0] - 1.01 * after_s
+    assert confirmed(people, cameras_at(0.0, degrees), floor=floor) == expected
+    people.refuted[0, 2:] = 1.0  # two other cameras see nobody there
+    assert not confirmed(people, cameras_at(0.0, degrees), floor=floor)
+
+
+@given(st.floats(-1.0, 3.0), st.floats(0.0, 0.1))
+def test_the_floor_is_where_well_known_people_stand(height: float, sd_m: float) -> None:
+    people = person(3)
+    people.sure[0], people.heights[0], people.height_variances[0] = LONG_SEEN, height, sd_m**2
+    assert floor_of(people) == pytest.approx(height)
+
+
+def test_the_floor_is_not_known_of_few_instants_moving_ankles_or_another_vertical() -> None:
+    people = person(3)
+    people.sure[0], people.heights[0] = LONG_SEEN, 0.1
+    assert floor_of(people) == pytest.approx(0.1)
+    people.height_variances[0] = 0.2**2
+    assert np.isnan(floor_of(people))
+    people.height_variances[0], people.sure[0] = 0.0, LONG_SEEN - 1
+    assert np.isnan(floor_of(people))
+    people.sure[0], people.positions[0] = LONG_SEEN, people.positions[0][:, [0, 2, 1]]  # people stand along z
+    assert np.isnan(floor_of(people))
+    assert np.isnan(floor_of(no_people(10, 4)))
 
 
 def test_a_candidate_has_walked_only_after_enough_instants() -> None:
@@ -104,6 +159,44 @@ def test_an_unseen_person_is_kept_longer_where_others_hide_the_place() -> None:
     people = person(0)
     people.refuted[0, 0] = 1.0  # a camera sees that nobody is there
     assert dropped(people, between)
+
+
+@pytest.mark.slow
+def test_a_person_about_whom_two_cameras_hardly_agreed_is_soon_lost() -> None:
+    for hits, after_s, expected in (
+        (1, 0.4, False),
+        (1, 0.5, True),
+        (8, 1.0, False),
+        (8, 2.0, True),
+        (100, 9.0, False),
+    ):
+        people = person(0, hits=hits)
+        people.seen_s[0], people.cameras[0] = 10.0 + after_s, 1
+        assert dropped(people, after_s) == expected
+
+
+@pytest.mark.slow
+@given(st.integers(1, 100), st.integers(1, 100), st.floats(0.0, 0.8))
+def test_the_second_track_of_a_person_ends_and_the_longer_number_stays(first: int, second: int, share: float) -> None:
+    kernels, agreed = WebcamsTracker(FOUR)._kernels, np.zeros((32, 4), dtype=np.bool_)
+
+    def ended(*, apart_m: float = 0.1, cameras: int = 1, after_s: float = 1.0, both: bool = False) -> tuple[bool, int]:
+        people = person(4, hits=first)
+        for array in people:
+            array[1] = array[0]
+        people.ids[1], people.hits[1], people.cameras[:2] = 9, second, (2, cameras)
+        people.positions[1, :, 0] += apart_m
+        people.agreed_s[1] = 11.0 - after_s
+        agreed[0, :2] = True
+        agreed[1] = both
+        gone = np.zeros(len(people.ids), dtype=np.bool_)
+        kernels.join_doubles(people, 11.0, agreed, gone)
+        assert not gone[0]
+        return bool(gone[1]), int(people.ids[0])
+
+    assert ended(apart_m=share * DOUBLE_M) == (True, 9 if second > first else 4)
+    for kept in ({"apart_m": 1.1 * DOUBLE_M}, {"cameras": 2}, {"after_s": 0.5 * DOUBLE_S}, {"both": True}):
+        assert ended(**kept) == (False, 4)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

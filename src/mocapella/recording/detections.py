@@ -37,6 +37,11 @@ ORDERS: Final = {
 """Topologies of points without names, by the name of the order."""
 AUTO: Final = "auto"
 """Order that follows from the number of points, and of 25 points from where they are."""
+_LEAST_SIZE_PX: Final = 15.0
+"""Least size of a detection that tells the order of its points [px]."""
+_FACE_SHARE: Final = 0.2
+"""Share of a person's size below which the second to the fifth point are in the face: a face is about 0.1 of the
+stature wide, a neck and an arm are about 0.35 long [ratio]."""
 _BASE_NS: Final = 1_000_000_000
 """Time of frame 0 [ns]; frames need a time above 0."""
 
@@ -167,7 +172,8 @@ def order_of_25(sample: Float64) -> str | None:
     """Return whether 25 points are in the order BODY_25 or BODY_25B, by their places; None if that cannot be told.
 
     In BODY_25 the second point, the neck, is halfway between the third and the sixth, the shoulders, from any side; in
-    BODY_25B these three are the eyes and the left shoulder.
+    BODY_25B these three are the eyes and the left shoulder. Where shoulders are too narrow in the images, the second to
+    the fifth point tell: BODY_25B's are close together, in the face, and BODY_25's are the neck and an arm.
 
     Args:
         sample: (detections, 25, 3) x, y [px] and confidence.
@@ -176,10 +182,19 @@ def order_of_25(sample: Float64) -> str | None:
     second, third, sixth = (sample[seen, k, :2] for k in (1, 2, 5))
     width = np.linalg.norm(third - sixth, axis=-1)
     wide = width > 20.0
-    if wide.sum() < 3:
+    if wide.sum() >= 3:
+        off = np.linalg.norm(second - (third + sixth) / 2, axis=-1)[wide] / width[wide]
+        return "BODY_25" if float(np.median(off)) < 0.25 else "BODY_25B"
+    there = sample[..., 2] > 0.2
+    places = np.where(there[..., None], sample[..., :2], np.nan)[there[:, 1:5].sum(axis=1) >= 3]
+    if len(places) < 3:
         return None
-    off = np.linalg.norm(second - (third + sixth) / 2, axis=-1)[wide] / width[wide]
-    return "BODY_25" if float(np.median(off)) < 0.25 else "BODY_25B"
+    spread, size = (np.linalg.norm(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=-1)
+                    for some in (places[:, 1:5], places))  # fmt: skip
+    if not (size > _LEAST_SIZE_PX).sum() >= 3:
+        return None
+    share = float(np.median((spread / np.maximum(size, 1e-9))[size > _LEAST_SIZE_PX]))
+    return "BODY_25B" if share < _FACE_SHARE else "BODY_25"
 
 
 def topology_by_names(points: Sequence[str]) -> tuple[Topology, tuple[int, ...]] | None:

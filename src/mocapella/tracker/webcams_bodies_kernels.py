@@ -33,7 +33,7 @@ LEAST_HEIGHT_SD_M = 0.03
 """Least standard deviation of the height of a joint that one camera sees [m]."""
 LEAST_FALL = 0.05
 """Least sine of a ray's angle to the horizon at which the height of its joint tells the distance."""
-HELD_SD_M = 0.1
+HELD_SD_M = 0.2
 """Standard deviation of the body's distance in an instant before the correction by heights [m]."""
 MOST_HELD_M = 0.1
 """Largest correction of the distance in an instant [m]."""

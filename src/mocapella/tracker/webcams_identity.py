@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.model.topology import topology
 from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
@@ -31,9 +32,19 @@ SOON_S: Final = 3.0
 LEAST_SINE: Final = 0.6
 """Sine of the angle at which rays cross well."""
 LATER_SINE: Final = 0.25
-"""Sine of the angle at which rays cross well enough for a candidate that two cameras see walk."""
+"""Sine of the angle at which rays cross well enough for a candidate that two cameras see walk or stand on the floor."""
 LEAST_JOINTS: Final = 6
 """Number of joints about which a third camera must agree to confirm a candidate."""
+STEADY_SD_M: Final = 0.15
+"""Largest standard deviation of the heights of ankles that tell the floor [m]."""
+STANDING_S: Final = 0.6
+"""Time for which two cameras see a candidate who stands on the floor [s]."""
+LEAST_UPRIGHT: Final = 0.9
+"""Cosine of the angle between people, from ankles to neck, and world y, below which the floor is not known."""
+FLOOR_M: Final = 0.2
+"""Distance of the lower ankle from that of other people, besides its standard deviation, of who stands [m]."""
+_NECK: Final = topology("halpe_26").index("Neck")
+_ANKLES: Final = [topology("halpe_26").index(f"{side}Ankle") for side in "LR"]
 MOST_REFUTED: Final = 0.6
 """A candidate waits from this ratio of the cameras that miss it (running mean) to the cameras that see it."""
 
@@ -163,14 +174,15 @@ MEMORY: Final = ("_next", "_lost")
 
 def ready(
     people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origins: Float64, *, missed: Float64,
-    known: Callable[[int], bool],
+    floor: float, known: Callable[[int], bool],
 ) -> list[int]:  # fmt: skip
     """Return the rows of candidates to confirm, in the order of their rows.
 
     Of a rig of three cameras or more, two confirm a candidate only if their rays cross at a large angle. Else they may
     see two strangers on one line, or a person far behind the place that the cameras surround. A candidate also waits
     where nearly as many cameras look at its place and see no person. A candidate whom two cameras saw walk does not
-    wait for these, and a smaller angle suffices (`LATER_SINE`). A lost person who returns does not wait.
+    wait for these, and a smaller angle suffices (`LATER_SINE`), as for one who stands on the floor. A lost person who
+    returns does not wait.
 
     Args:
         people: the people.
@@ -178,6 +190,7 @@ def ready(
         agreed: (people, cameras) whether a camera agrees about a person in this instant.
         origins: (cameras, 3) centres of the cameras, world [m].
         missed: (cameras,) share of people whom a camera misses, see `CameraCounts`.
+        floor: see `floor_of` [m].
         known: tells whether the candidate of a row is a lost person.
     """
     found, trust = [], np.maximum(1.0 - missed / MOST_MISSED, 0.0)
@@ -185,7 +198,8 @@ def ready(
         views, hits = int(agreed[row].sum()), int(people.hits[row])
         sure, third = (int((people.support[row] >= count).sum()) for count in (settings.sure_cameras, 3))
         walked = hits >= LONG_SEEN and float(people.roamed[row]) >= ROAMED_M
-        narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]], walked=walked)
+        real = walked or _stands(people, row, floor)
+        narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]], real=real)
         doubtful = float(np.nansum(trust * people.refuted[row])) >= MOST_REFUTED * views and not walked
         if (doubtful or narrow) and hits >= settings.confirm_instants and known(row):
             doubtful = narrow = False
@@ -196,16 +210,46 @@ def ready(
     return found
 
 
-def _crossing(place: Float64, origins: Float64, *, walked: bool) -> bool:
+def _crossing(place: Float64, origins: Float64, *, real: bool) -> bool:
     """Return whether rays from origins (n, 3) cross at a place (3,) at a large angle.
 
-    For a candidate who ``walked``, the smaller `LATER_SINE` suffices, of cameras on the same side.
+    For a candidate who walked or stands on the floor (``real``), the smaller `LATER_SINE` suffices, of cameras on the
+    same side.
     """
     rays = place - origins
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     sines = np.linalg.norm(np.cross(rays[:, None], rays[None]), axis=2)
     beside = (rays @ rays.T > 0.0) & (sines >= LATER_SINE)  # opposite cameras hardly tell the place along their line
-    return bool(sines.max(initial=0.0) >= LEAST_SINE or (walked and beside.any()))
+    return bool(sines.max(initial=0.0) >= LEAST_SINE or (real and beside.any()))
+
+
+def floor_of(people: PeopleArrays) -> float:
+    """Return the height of the ankles of people who are well known, world y [m].
+
+    NaN if nobody is well known, or if people do not stand along y, as in worlds with another vertical.
+    """
+    rows = np.flatnonzero((people.ids >= 0) & (people.sure >= LONG_SEEN))
+    joints = people.positions[rows]
+    up = np.nanmean(joints[:, _NECK] - joints[:, _ANKLES].mean(axis=1), axis=0) if len(rows) else np.zeros(3)
+    steady = people.height_variances[rows][:, _ANKLES] < STEADY_SD_M**2
+    heights = people.heights[rows][:, _ANKLES][steady]
+    heights = heights[np.isfinite(heights)]
+    upright = up[1] > LEAST_UPRIGHT * np.linalg.norm(up)
+    return float(np.median(heights)) if upright and len(heights) else math.nan
+
+
+def _stands(people: PeopleArrays, row: int, floor: float) -> bool:
+    """Return whether two cameras see a candidate for some time, with the lower ankle at the height of other people's.
+
+    The place where the rays of two strangers on one line meet is nearer or farther than these, so its feet are not on
+    the floor.
+    """
+    if people.hits[row] < LONG_SEEN or people.at_s[row] - people.born_s[row] < STANDING_S:
+        return False
+    heights = people.positions[row, _ANKLES, 1]
+    low = int(np.argmin(heights))
+    sd = math.sqrt(people.covariances[row, _ANKLES[low], 1, 1])
+    return bool(abs(heights[low] - floor) <= FLOOR_M + sd)
 
 
 def _place(people: PeopleArrays, row: int) -> Float64:

@@ -34,7 +34,7 @@ from mocapella.tracker.webcams_bodies_kernels import correct, seen_by, take_rays
 from mocapella.tracker.webcams_cameras_kernels import count_refuting, count_unmatched, mark_agreed
 from mocapella.tracker.webcams_errors_kernels import follow_unpredicted, stated_variance
 from mocapella.tracker.webcams_memory import CANDIDATE, NO_PERSON, CameraCounts, PeopleArrays
-from mocapella.tracker.webcams_people_kernels import PeopleLimits, drop, follow, forget, judge
+from mocapella.tracker.webcams_people_kernels import PeopleLimits, drop, follow, forget, join_doubles, judge
 from mocapella.tracker.webcams_rig_kernels import adjust_rays, doubt_unmatched
 
 Float64 = NDArray[np.float64]
@@ -169,6 +169,7 @@ def track_instant(
         if people.ids[p] != NO_PERSON:
             looking[p] = count_refuting(people, p, pixels, rays, cameras, matches, delivered, counts)
     drop(people, at_s, limits, looking, counts.missed, gone)
+    join_doubles(people, at_s, agreed, gone)
     for c in range(len(delivered)):
         if not delivered[c]:
             continue

@@ -47,6 +47,12 @@ VAGUE_M = 0.35
 """Mean standard deviation of the joints, all axes together, above which a person's place is vague [m]."""
 VAGUE_S = 1.5
 """Time after which a person at a vague place, about whom no two cameras agree, is lost [s]."""
+DOUBLE_M = 0.3
+"""Mean distance of the joints of two tracks of one person [m]."""
+DOUBLE_S = 0.4
+"""Time after two cameras last agreed about a person, from which the track may be the second of another person [s]."""
+TRUSTED_S = 0.2
+"""Time for each instant when two cameras agreed, for which a person stays about whom no two agree any more [s]."""
 MISSED_INSTANTS_S = 0.25
 """A candidate that two cameras do not confirm for this long is dropped [s]."""
 
@@ -265,6 +271,55 @@ def vague(people: PeopleArrays, p: int) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def apart_m(people: PeopleArrays, p: int, q: int) -> float:
+    """Return the mean distance of two people's joints [m]; NaN if they have no joint in common.
+
+    Args:
+        people: see the module.
+        p, q: their rows.
+    """
+    total, common = 0.0, 0
+    for j in range(JOINTS):
+        x = people.positions[p, j, 0] - people.positions[q, j, 0]
+        y = people.positions[p, j, 1] - people.positions[q, j, 1]
+        z = people.positions[p, j, 2] - people.positions[q, j, 2]
+        distance = math.sqrt(x * x + y * y + z * z)
+        if distance >= 0.0:
+            total += distance
+            common += 1
+    return total / common if common > 0 else math.nan
+
+
+@njit(cache=True, error_model="numpy")
+def join_doubles(people: PeopleArrays, at_s: float, agreed: Bools, gone: Bools) -> None:
+    """Mark second tracks of a person who began again: no camera sees both, and few cameras the second.
+
+    The person keeps the number that two cameras saw longer.
+
+    Args:
+        people: see the module; numbers are changed.
+        at_s: time of the instant [s].
+        agreed: (people, cameras) whether a camera agrees about a person.
+        gone: (people,) whether the row is to be freed; changed.
+    """
+    for q in range(len(people.ids)):
+        if gone[q] or people.ids[q] < 0 or people.cameras[q] >= 2 or at_s - people.agreed_s[q] < DOUBLE_S:
+            continue
+        for p in range(len(people.ids)):
+            if p == q or gone[p] or people.ids[p] < 0 or people.cameras[p] < 2:
+                continue
+            both = False
+            for c in range(agreed.shape[1]):
+                both |= agreed[p, c] and agreed[q, c]
+            if both or not apart_m(people, p, q) <= DOUBLE_M:
+                continue
+            if people.hits[q] > people.hits[p]:
+                people.ids[p] = people.ids[q]
+            people.ids[q], gone[q] = CANDIDATE, True
+            break
+
+
+@njit(cache=True, error_model="numpy")
 def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64, missed: Float64, gone: Bools) -> None:
     """Mark people who have left, candidates that were not confirmed, phantoms, and second tracks of one person.
 
@@ -286,6 +341,7 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64
             unseen = at_s - people.seen_s[p] > (limits.hidden_s if hidden else limits.unseen_s)
             alone_s = at_s - people.agreed_s[p]
             gone[p] = unseen or alone_s > limits.one_camera_s or (alone_s > VAGUE_S and vague(people, p))
+            gone[p] |= alone_s > MISSED_INSTANTS_S + TRUSTED_S * people.hits[p]
             gone[p] |= people.doubts[p] > limits.doubtful_instants or ran_away(people, p, at_s)
             refuted = refuting(people, p, missed) >= MOST_REFUTING
             gone[p] |= refuted and people.cameras[p] < 2 and alone_s > REFUTED_S
@@ -295,16 +351,7 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64
         for q in range(len(people.ids)):
             if p == q or gone[p] or gone[q] or people.ids[p] == NO_PERSON or people.ids[q] == NO_PERSON:
                 continue
-            total, common = 0.0, 0
-            for j in range(JOINTS):
-                x = people.positions[p, j, 0] - people.positions[q, j, 0]
-                y = people.positions[p, j, 1] - people.positions[q, j, 1]
-                z = people.positions[p, j, 2] - people.positions[q, j, 2]
-                distance = math.sqrt(x * x + y * y + z * z)
-                if distance >= 0.0:
-                    total += distance
-                    common += 1
-            if common == 0 or total > common * limits.same_within_m:
+            if not apart_m(people, p, q) <= limits.same_within_m:
                 continue
             if people.cameras[p] >= 2 and people.cameras[q] >= 2 and people.ids[p] >= 0 and people.ids[q] >= 0:
                 continue  # two cameras see both apart

@@ -43,6 +43,8 @@ _GROUP_OF: Final = {
 }  # fmt: skip
 _FACE_NORMALS: Final = {"Nose": (0.0, 0.0, 1.0), "LEye": (0.3, 0.0, 1.0), "REye": (-0.3, 0.0, 1.0)}
 """Directions of the surface at keypoints of the face, in the axes of `_HEAD`."""
+SHOULDERS_NECK: Final = ("body_25", "coco_18")
+"""Topologies whose neck is halfway between the shoulders: OpenPose was trained with this mean of COCO's shoulders."""
 _EAR_HIDDEN: Final = -0.25
 """Cosine between an ear's direction and that of the camera below which the head hides the ear."""
 
@@ -66,6 +68,18 @@ def halpe_positions(joints: Float64) -> Float64:
         for keypoint, offset in _FOOT.items():
             moved = ankle + stature * np.einsum("i,...ij->...j", np.array(offset), frame)
             out[..., HALPE.index(side + keypoint), :] = moved
+    return out
+
+
+def detected_positions(joints: Float64, name: str) -> Float64:
+    """Return where a detector of a topology looks for the keypoints (..., 26, 3) of bodies (..., 25, 3) [m].
+
+    These are `halpe_positions`, except that OpenPose's neck (`SHOULDERS_NECK`) is halfway between the shoulders.
+    """
+    out = halpe_positions(joints)
+    if name in SHOULDERS_NECK:
+        shoulders = [HALPE.index(f"{side}Shoulder") for side in "LR"]
+        out[..., HALPE.index("Neck"), :] = out[..., shoulders, :].mean(axis=-2)
     return out
 
 
@@ -116,23 +130,20 @@ def group_of() -> NDArray[np.int64]:
 def keypoint_weights(name: str) -> Float64:
     """Return weights (keypoints, 26) that make the keypoints of a topology of Halpe's.
 
-    Keypoints are matched by their names, also those with ``left_`` and ``right_``; OpenPose's neck and middle of the
-    hips are the means of both shoulders or hips.
+    Keypoints are matched by their names, also those with ``left_`` and ``right_``; OpenPose's middle of the hips is
+    Halpe's hip. Where a detector's keypoint differs from Halpe's, see `detected_positions`.
 
     Raises:
         SettingsError: unknown topology, or it has a keypoint that a simulated body does not have.
     """
     wanted, out = topology(name), np.zeros((len(topology(name)), len(HALPE)))
-    middle = {"Neck": "Shoulder", "MidHip": "Hip"} if name == "body_25" else {"MidHip": "Hip"}
     plain = {joint.lower(): i for i, joint in enumerate(HALPE.joints)}
     for row, joint in enumerate(wanted.joints):
-        key = joint.lower().replace("left_", "l").replace("right_", "r")
-        if joint in middle:
-            out[row, [HALPE.index(side + middle[joint]) for side in "LR"]] = 0.5
-        elif key in plain:
+        key = joint.lower().replace("left_", "l").replace("right_", "r").replace("midhip", "hip")
+        if key in plain:
             out[row, plain[key]] = 1.0
         else:
-            known = ("halpe_26", "body_25", "body_25b", "coco_17")
+            known = ("halpe_26", "body_25", "body_25b", "coco_17", "coco_18")
             raise SettingsError(f"topology {name} has {joint!r}, which is not simulated; take {one_of(name, known)}")
     return out
 

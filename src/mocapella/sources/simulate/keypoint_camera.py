@@ -28,6 +28,7 @@ from mocapella.sources.simulate.body import BODY, body_template
 from mocapella.sources.simulate.keypoint_body import (
     GROUPS,
     HALPE,
+    detected_positions,
     face_hidden,
     group_of,
     halpe_positions,
@@ -336,11 +337,12 @@ class SimulatedKeypointCamera:
     ) -> _Bodies:
         """Look at bodies; mirror images are hidden as their bodies ``real`` are from the mirrored lens ``behind``."""
         camera, T = self.placed.camera, self.placed.T_camera_world
-        keypoints = halpe_positions(joints) if real is None else halpe_positions(joints[:, _SWAPPED])
+        mirrored = real is not None
+        keypoints = detected_positions(joints[:, _SWAPPED] if mirrored else joints, self.topology.name)
         first = apply(T, keypoints)
         pixels = project(first, camera.lens)
         if camera.readout_s > 0:
-            after = halpe_positions(later) if real is None else halpe_positions(later[:, _SWAPPED])
+            after = detected_positions(later[:, _SWAPPED] if mirrored else later, self.topology.name)
             row = np.clip(np.nan_to_num(pixels[..., 1:]) / camera.size_px[1], 0.0, 1.0)
             pixels = project((1 - row) * first + row * apply(T, after), camera.lens)
         width, height = camera.size_px
