@@ -59,10 +59,17 @@ def test_fits_to_other_surfaces_are_no_evidence_for_the_kind_of_camera() -> None
     detector = KinematicArmDetector(Camera("stereo", (640, 480), np.array([385.0, 385.0, 320.0, 240.0])))
     hand, elsewhere = _fit(detector, 0.0, 0.2), _fit(detector, 0.4, 0.18)
     again = _fit(detector, 0.01, 0.32)
-    assert detector._of_same_hands([elsewhere], [hand], [again]) == ([0.32], [0.2])
+    assert detector._of_same_hands([elsewhere], [hand], [again], [hand]) == ([0.32], [0.2])
     near = _fit(detector, 0.02, 0.25)
-    assert detector._of_same_hands([elsewhere, near], [hand], [again]) == ([0.25, 0.32], [0.2])
-    assert detector._of_same_hands([elsewhere], [], []) == ([0.18], [])
+    assert detector._of_same_hands([elsewhere, near], [hand], [again], [hand]) == ([0.25, 0.32], [0.2])
+    assert detector._of_same_hands([elsewhere], [], [], []) == ([0.18], [])
+
+
+def test_the_likeliest_hand_tells_the_kind_of_camera_not_the_cheapest_fit() -> None:
+    detector = KinematicArmDetector(Camera("stereo", (640, 480), np.array([385.0, 385.0, 320.0, 240.0])))
+    hand, cheaper = _fit(detector, 0.0, 0.2), _fit(detector, 0.4, 0.1)
+    again = [_fit(detector, 0.0, 0.3), _fit(detector, 0.4, 0.15)]
+    assert detector._of_same_hands([], [hand, cheaper], again, [hand]) == ([0.3], [0.2])
 
 
 def test_an_arm_that_is_mostly_hidden_is_not_reported_although_its_visible_part_fits(

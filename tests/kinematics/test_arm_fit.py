@@ -530,7 +530,7 @@ def test_a_digit_that_is_held_otherwise_is_found_and_what_is_promised_is_gained(
         true = folded(model, true, digit)
         evidence = evidence_of(rendered(model, true))
         wrong = true._replace(z=posed(model, np.random.default_rng(seed), opened=True).z)
-        gain, better = model.held_otherwise(wrong, evidence, digit)
+        gain, better, _ = model.held_otherwise(wrong, evidence, digit)
         before, after = (
             model.fit(pose, model.unexpected(pose), evidence, iterations=0).cost for pose in (wrong, better)
         )
@@ -546,8 +546,19 @@ def test_a_digit_that_is_right_is_left_as_it_is() -> None:
     for seed in range(3):
         model, true, _, evidence = seen(seed, "right", 1.0)
         for digit in range(5):
-            gain, _ = model.held_otherwise(true, evidence, digit)
+            gain, *_ = model.held_otherwise(true, evidence, digit)
             assert 0 <= gain < 0.02
+
+
+def test_a_fingertip_is_clear_where_it_is_seen_and_not_where_nothing_is() -> None:
+    model, true, _, _ = seen(0, "right", 1.0)
+    evidence = evidence_of(rendered(model, true))
+    unseen = evidence._replace(
+        points=evidence.points[:0], weights=evidence.weights[:0], front=np.zeros_like(evidence.front)
+    )
+    for digit in range(5):
+        assert model.held_otherwise(true, evidence, digit).clearness > 0.005
+        assert model.held_otherwise(true, unseen, digit).clearness < 0.005
 
 
 def test_fingers_that_are_bent_unlike_are_exchanged_and_others_are_not() -> None:

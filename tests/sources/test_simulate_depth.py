@@ -187,6 +187,12 @@ def test_scenes_of_one_period() -> None:
 
 
 @pytest.mark.slow
+def test_gestures_are_those_of_the_images() -> None:
+    scene = load_depth_scene("two-hands", seed=0, sensor="exact")
+    for at_s in np.linspace(0.0, scene.period_s, 4):
+        assert scene.gestures(float(at_s)) == tuple(arm.gesture for arm in scene.at(float(at_s)).arms)
+
+
 def test_seeds_change_people_and_sides() -> None:
     arms = [load_depth_scene("rotation", seed=seed, sensor="exact")._actors[0] for seed in range(12)]
     assert len({arm.shape for arm in arms}) >= 4

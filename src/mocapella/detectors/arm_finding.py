@@ -186,6 +186,14 @@ class ArmFinder:
             return SUREST
         return float(np.clip(0.5 + 0.5 * (min(others) - one.rank) / max(one.rank, 1e-6), 0.5, SUREST))
 
+    def alone(self, found: list[Found]) -> list[Found]:
+        """Return fits, the best first as `judged` has them, without those that `overlap` a better one."""
+        kept: list[Found] = []
+        for one in found:
+            if not any(self.overlap(other, one) for other in kept):
+                kept.append(one)
+        return kept
+
     def unclear(self, one: Found, found: list[Found]) -> Bool:
         """Return (23,) which landmarks another fit of the same hand, which is nearly as good, has elsewhere.
 
@@ -223,7 +231,7 @@ class ArmFinder:
         """Rank fits, the best first, by the sum of two costs, so that a fit must explain its rivals' points as well.
 
         One is the fit's own cost. The other is the cost after refitting it to all points of the `region` around it and
-        the fits that `overlap` it, its rivals.
+        its rivals: the fits that `overlap` it, those that overlap these, and so on.
 
         Args:
             depth: (height, width) [m].
@@ -232,16 +240,29 @@ class ArmFinder:
         if len(found) < 2:
             return found
         judged: list[tuple[float, int]] = []
-        for k, one in enumerate(found):
-            rivals = [other for other in found if other is one or self.overlap(one, other)]
-            around = np.vstack([self.models[other.side].spheres(other.fitted.pose) for other in rivals])
+        for group in self._overlapping(found):
+            around = np.vstack([self.models[found[k].side].spheres(found[k].fitted.pose) for k in group])
             part = self.region(depth, around)
             if part is None:
                 continue
             points = np.ascontiguousarray(part.points)
             evidence = ArmEvidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
-            judged.append((self._around_cost(one, rivals, evidence) + one.rank, k))
+            rivals = [found[k] for k in group]
+            judged += [(self._around_cost(found[k], rivals, evidence) + found[k].rank, k) for k in group]
         return [found[k] for _, k in sorted(judged)]
+
+    def _overlapping(self, found: list[Found]) -> list[list[int]]:
+        """Return groups of indices of fits that `overlap`, also by way of others: all fits of a group have one region.
+
+        Costs of regions of different sizes could not be compared: the nearer to an arm's end a false hand is, the less
+        of the arm it would have to explain.
+        """
+        groups: list[list[int]] = []
+        for k, one in enumerate(found):
+            joined = [group for group in groups if any(self.overlap(found[j], one) for j in group)]
+            apart = [group for group in groups if group not in joined]
+            groups = [*apart, sorted([k, *(j for group in joined for j in group)])]
+        return groups
 
     def _around_cost(self, one: Found, rivals: list[Found], evidence: ArmEvidence) -> float:
         """Return the cost of a pose, refitted to all points around it and its rivals; a rival may be its upper arm."""
@@ -312,7 +333,7 @@ class ArmFinder:
                 break
             evidence = evidence_of(part, model, fitted.pose, 400, 0.3)
             gain, start, digit = max(
-                ((*model.held_otherwise(fitted.pose, evidence, digit), digit) for digit in left),
+                ((*model.held_otherwise(fitted.pose, evidence, digit)[:2], digit) for digit in left),
                 key=lambda way: way[0],
             )
             if gain < self.gain:

@@ -22,7 +22,7 @@ from mocapella.detectors.arm_search import RefusedPlace, Search
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.detectors.arm_track import CameraArmTrack
 from mocapella.detectors.branch_ends import branch_ends, reaching, unexplained
-from mocapella.detectors.fattening_guess import FatteningGuess
+from mocapella.detectors.fattening_guess import PLAINLY, FatteningGuess
 from mocapella.errors import SettingsError
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Expected, Fitted
 from mocapella.model.arms import PALM, SeenArm, SeenArms
@@ -257,8 +257,11 @@ class KinematicArmDetector:
         if arm.in_doubt <= _AT_ONCE or arm.in_doubt % 2:
             digits = range(5) if doubt else [(arm.next_digit + k) % 5 for k in range(s.digits)]
             arm.next_digit = (arm.next_digit + s.digits) % 5
-            gain, start = max((model.held_otherwise(pose, evidence, digit) for digit in digits), key=lambda way: way[0])
-            starts = [start] if gain > s.gain else []
+            held = {digit: model.held_otherwise(pose, evidence, digit) for digit in digits}
+            for digit, way in held.items():
+                arm.check(digit, way.clearness)
+            best = max(held.values(), key=lambda way: way.gain)
+            starts = [best.pose] if best.gain > s.gain else []
         if doubt:
             points = model.points(pose)
             ends = unexplained(branch_ends(depth, self.finder.lens, points[PALM], s.region), points[[*TIPS]])
@@ -306,9 +309,22 @@ class KinematicArmDetector:
         before = cost_of(own, arm.fitted.pose, evidence_of(part, own, arm.fitted.pose, beyond=0.15))
         if fitted.cost >= self.settings.better * before:
             return False
+        moved_m = np.linalg.norm((model.points(fitted.pose) - own.points(arm.fitted.pose))[[*TIPS]], axis=1)
+        arm.clear &= moved_m < _MOVED_M
         arm.fitted, arm.side, arm.model, arm.region, arm.begun = fitted, side, model, part, None
         arm.velocity[6:] = 0.0
+        self._check(arm)
         return True
+
+    @staticmethod
+    def _check(arm: CameraArmTrack) -> None:
+        """Note of a new posture which fingertips are clear."""
+        if arm.region is None:
+            return
+        pose = arm.fitted.pose
+        evidence = evidence_of(arm.region, arm.model, pose, _FEW, 0.15)
+        for digit in range(5):
+            arm.check(digit, arm.model.held_otherwise(pose, evidence, digit).clearness)
 
     # Detection.
 
@@ -354,12 +370,15 @@ class KinematicArmDetector:
             )
 
         found, tried = yield from searched(depth)
-        poor = not any(one.cost < self.settings.firm for one in found)
-        if tried and not self._arms and not guess.known and poor:
+        least = min((one.cost for one in found), default=np.inf)
+        if tried and not self._arms and not guess.known and least >= _WELL:
             otherwise = guess.otherwise(search.depth)
             instead = yield from searched(otherwise)
             again = [self._refitted(one, depth) for one in instead[0]]
-            if guess.learn(self._frames, *self._of_same_hands(found, instead[0], again)):
+            likeliest = self.finder.judged(otherwise, self.finder.apart(instead[0]))[:1]
+            costs = self._of_same_hands(found, instead[0], again, likeliest)
+            # Narrower images of thin fingers have none: a good fit to the measured image is not given up for another.
+            if least >= PLAINLY and guess.learn(self._frames, *costs):
                 (found, tried), depth = instead, otherwise
             else:
                 found = [*found, *(one for one in again if one.cost < self.settings.believe)]
@@ -368,7 +387,7 @@ class KinematicArmDetector:
         if len(tried) < most or most > 1:
             self._foreground.learn(depth)
         arms = []
-        for one in self.finder.judged(depth, self.finder.apart(found)):
+        for one in self.finder.alone(self.finder.judged(depth, self.finder.apart(found))):
             arm = CameraArmTrack(
                 one.side, self.models[one.side], one.fitted, search.at_s, self.settings.look_again_after
             )
@@ -377,6 +396,7 @@ class KinematicArmDetector:
                 self.finder.region(depth, arm.model.spheres(one.fitted.pose)),
             )
             arm.unclear, arm.begun = self.finder.unclear(one, found), one.begun
+            self._check(arm)
             arms.append(arm)
         hands |= {arm: self._hand(arm) for arm in arms}
         yield from self._caught_up(arms, search)
@@ -388,7 +408,7 @@ class KinematicArmDetector:
                 self._refuse(candidate.centre)
 
     def _of_same_hands(
-        self, found: list[Found], instead: list[Found], again: list[Found]
+        self, found: list[Found], instead: list[Found], again: list[Found], likeliest: list[Found]
     ) -> tuple[list[float], list[float]]:
         """Return costs of the hand that fits best in an image of either kind, as measured and of the other kind.
 
@@ -399,10 +419,11 @@ class KinematicArmDetector:
             found: fits to the measured image.
             instead: fits to the image of the other kind.
             again: the fits of ``instead``, in this order, refitted to the measured image.
+            likeliest: the one of ``instead`` that is the likeliest hand, or none.
         """
-        if not instead:
+        if not likeliest:
             return [one.cost for one in found], []
-        best = min(instead, key=lambda one: one.rank)
+        best = likeliest[0]
         same = [other for other in instead if self.finder.near(best, other)]
         measured = [other.cost for other in found if self.finder.near(best, other)]
         measured += [other.cost for one, other in zip(instead, again, strict=True) if self.finder.near(best, one)]
@@ -413,7 +434,11 @@ class KinematicArmDetector:
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
         rivals = [other for other in self._arms if self.finder.overlap(Found(0.0, other.side, other.fitted), one)]
         if rivals:  # the same arm, fitted from its other end
-            best = self.finder.judged(depth, [one, *(Found(0.0, other.side, other.fitted) for other in rivals)])[0]
+            kept = [
+                Found(0.0 if other.firm >= _FIRM_AFTER else other.fitted.cost, other.side, other.fitted)
+                for other in rivals
+            ]
+            best = self.finder.judged(depth, [one, *kept])[0]
             if best.fitted is not one.fitted:
                 return
         elif len(self._arms) == self.settings.arms:  # an arm that was never firm is replaced
@@ -467,10 +492,11 @@ class KinematicArmDetector:
         points = model.points(pose)
         shown = np.zeros(len(points))
         if arm.region is not None:
-            shown = model.visible(pose, arm.region.front, arm.region.lens)
+            shown = arm.confirmed(model.visible(pose, arm.region.front, arm.region.lens))
         # Before a camera that matches blocks, right fits cost more than what proves an arm.
         settled = arm.firm >= _FIRM_AFTER and (arm.proven or self._fattening.px > 0)
         clear = ~arm.unclear | settled
+        clear[[*TIPS]] &= arm.clear
         least = _VISIBLE_IN_BLOCKS if self._fattening.px else _VISIBLE
         states = np.where((shown > least) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = _sd_m(np.where(clear, shown, 0.0), arm.fitted.cost).astype(np.float32)
@@ -502,6 +528,8 @@ _LOOK_FOR_MIXED: Final = 30
 """Images between two searches for mixed pixels, before a camera that had none in the last."""
 _PLACES: Final = 8
 """Places searched in an image while there is no arm."""
+_WELL: Final = 0.10
+"""Cost of a fit below which the image of a camera of the other kind is not searched for a better one."""
 _CANDIDATES: Final = 24
 """Most palm candidates of a search; several may belong to one arm."""
 _ABOUT_HAND_M: Final = 0.04
@@ -534,6 +562,8 @@ _POSTURE_SD: Final = np.radians(1)
 """Standard deviation of each angle in a rigid fit [rad]."""
 _COARSELY: Final = 4
 """Iterations of a fit that only locates the hand."""
+_MOVED_M: Final = 0.025
+"""Distance that a fingertip moves with a new posture above which it must become clear again [m]."""
 _MARGIN: Final = 0.93
 """A pose away from the prediction is taken if its cost is below this share of the other's."""
 

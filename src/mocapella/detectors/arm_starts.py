@@ -51,6 +51,10 @@ def arm_starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmP
                 for shift in _SHIFTS_M:
                     for postures in (_OPEN, _BENT, _HOLDING):
                         yield ArmPose(turned, t + shift * z_axis, _posed(model, postures), v.copy()), None
+            elif roll in _FLAT and len(tips) < 4:
+                # The ends of branches may be a fist's knuckles, or noise beside it.
+                for shift in _FIST_SHIFTS_M:
+                    yield ArmPose(turned, t + shift * z_axis, _posed(model, _BENT), v.copy()), None
 
 
 def _pointing(candidate: PalmCandidate) -> list[Float64]:
@@ -94,4 +98,6 @@ _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 _HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
 _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
-"""Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain."""
+_FIST_SHIFTS_M: Final = (0.0, 0.04)
+"""Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain. The middle of a fist
+may be taken for its wrist, which is wider where the palm has holes."""

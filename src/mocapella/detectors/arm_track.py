@@ -16,7 +16,7 @@ from mocapella.detectors.arm_finding import SUREST
 from mocapella.detectors.arm_settings import KinematicArmSettings
 from mocapella.kinematics.arm_fit import ArmFitSettings, ArmModel, ArmPose, Expected, Fitted
 from mocapella.kinematics.arm_fit import kernels as fit_kernels
-from mocapella.model.hand import Handedness
+from mocapella.model.hand import TIPS, Handedness
 from mocapella.sensing.arm_region import Region
 
 Float64 = NDArray[np.float64]
@@ -45,6 +45,8 @@ class CameraArmTrack:
         sure: certainty of its side, 0.5 to `SUREST`.
         believed: whether its cost was once below the setting ``firm``; only such arms are reported.
         unclear: (23,) landmarks that another fit, which was nearly as good, had elsewhere when the arm was found.
+        clear: (5,) whether each fingertip is clear: every posture of its digit with the tip elsewhere fits worse.
+        shown: (23,) visible shares of the landmarks in the last two reported images, the last one first.
         calm: lowest cost of late: it rises by 1 % with each image unless a lower one comes.
         region: the part of the image that ``fitted`` is a fit to; None at first.
     """
@@ -60,6 +62,8 @@ class CameraArmTrack:
         self.calm = fitted.cost
         self.region: Region | None = None
         self.unclear = np.zeros(23, np.bool_)
+        self.clear = np.zeros(5, np.bool_)
+        self.shown: tuple[Float64, ...] = ()
 
     def move(self, fitted: Fitted, dt: float) -> None:
         """Set the fit of the next image, ``dt`` [s] after the last one, above 0; update the smoothed velocity."""
@@ -67,6 +71,21 @@ class CameraArmTrack:
         self.velocity = 0.6 * motion / dt + 0.4 * self.velocity
         self.drift += _DRIFT_GAIN * (motion / _rest_sd(len(motion)) - self.drift)
         self.fitted, self.calm = fitted, min(_CALM_RISES * self.calm, fitted.cost)
+
+    def check(self, digit: int, clearness: float) -> None:
+        """Note how clear a digit's fingertip is, `HeldOtherwise.clearness`; noise alone does not change the result."""
+        self.clear[digit] = clearness > (_STILL_CLEAR if self.clear[digit] else _CLEAR)
+
+    def confirmed(self, shown: Float64) -> Float64:
+        """Return visible shares (23,), of fingertips at most the larger one of the last two images; keep this image's.
+
+        In a fist a hidden fingertip may be next to another surface in a single image.
+        """
+        before = self.shown or (shown,)
+        self.shown = (shown, before[0])
+        shares = shown.copy()
+        shares[[*TIPS]] = np.minimum(shown, np.max(before, axis=0))[[*TIPS]]
+        return shares
 
     def prove(self, s: KinematicArmSettings) -> None:
         """Note the arm's first good fit, below a share of the setting ``doubt``; from then on it waits for longer."""
@@ -153,6 +172,10 @@ _CALM_RISES: Final = 1.01
 _SIZE_SD: Final = 0.002
 """Standard deviation of relative sizes from image to image."""
 _FOREARM_RATE_DEG_S: Final = 300.0
+_CLEAR: Final = 0.005
+_STILL_CLEAR: Final = -0.006
+"""Least clearness of a fingertip, if it was not clear before, and if it was [cost]: then until another posture would be
+tried (the setting ``gain``)."""
 _PROVEN: Final = 0.8
 """Share of the setting ``doubt`` below which a cost proves a new arm's side and posture."""
 _SOON: Final = 3

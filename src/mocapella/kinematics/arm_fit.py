@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from types import ModuleType
 from typing import Final, NamedTuple
 
@@ -192,6 +192,21 @@ class Fitted(NamedTuple):
         return float(points * c[0] + flesh * c[1] + overlap * min(c[2], 2.0) + unusual * c[3])
 
 
+class HeldOtherwise(NamedTuple):
+    """The best of a table of postures of one digit.
+
+    Attributes:
+        gain: how much it lowers the cost, 0 or more.
+        pose: the pose with it.
+        clearness: how much more than the pose the best posture costs whose tip is more than 25 mm away; below 0 if it
+            costs less, ∞ if there is none.
+    """
+
+    gain: float
+    pose: ArmPose
+    clearness: float
+
+
 @dataclass(frozen=True, eq=False)
 class Expected:
     """Prediction of an arm's pose and Gaussian prior of its sizes; `ArmModel` adds the prior of usual postures.
@@ -348,8 +363,13 @@ class ArmModel:
             s.edge * float(pose.t[2] / evidence.lens[0]), (s.silhouette_sd_m / s.sharp_sd_m) ** 2,
         )  # fmt: skip
 
-    def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> tuple[float, ArmPose]:
-        """Try a table of postures of one digit (0: thumb); return how much the best lowers the cost, and its pose."""
+    def held_otherwise(self, pose: ArmPose, evidence: ArmEvidence, digit: int) -> HeldOtherwise:
+        """Try a table of postures of one digit; return the best one, and how clear it is that the tip is where it is.
+
+        Args:
+            pose, evidence: as for `fit`; the pose is not refitted.
+            digit: index of the digit, 0 for the thumb.
+        """
         columns = self.columns[digit]
         free = columns >= 0
         tries = self.ways[digit].copy()
@@ -360,7 +380,23 @@ class ArmModel:
         best = int(np.argmin(costs))
         z = pose.z.copy()
         z[columns[free]] = tries[best, free]
-        return float(costs[0] - costs[best]), pose._replace(z=z)
+        tip, scale = self.pieces(pose)[1][digit, 3], float(pose.v[0])
+        elsewhere = np.linalg.norm(scale * self._way_tips[digit] - tip, axis=1) > _ELSEWHERE_M
+        clearness = float(costs[1:][elsewhere].min(initial=np.inf) - costs[0])
+        return HeldOtherwise(float(costs[0] - costs[best]), pose._replace(z=z), clearness)
+
+    @cached_property
+    def _way_tips(self) -> list[Float64]:
+        """Of each digit, the tips (k, 3) in ``ways`` but the first, palm's frame, of an average hand [m]."""
+        tips, at_origin = [], ArmPose(np.eye(3).ravel(), np.zeros(3), self.natural, self.state())
+        for digit, columns in enumerate(self.columns):
+            free, rows = columns >= 0, []
+            for way in self.ways[digit][1:]:
+                z = self.natural.copy()
+                z[columns[free]] = way[free]
+                rows.append(self.pieces(at_origin._replace(z=z))[1][digit, 3])
+            tips.append(np.array(rows))
+        return tips
 
     def exchanged(self, pose: ArmPose) -> Iterator[ArmPose]:
         """Yield starts for a fit whose fingers were mixed up: copies with neighbours' angles exchanged or shifted."""
@@ -504,6 +540,8 @@ def _ways(model: HandModel, digit: int) -> Float64:
 _HABITS: Final = replace(HandSettings(), flexion_sd_deg=120.0, abduction_sd_deg=12.0, thumb_sd_deg=25.0)
 _NEAR_M: Final = 0.010
 """Distance from the image's surface within which flesh is confirmed."""
+_ELSEWHERE_M: Final = 0.025
+"""Distance between a fingertip's positions above which they are different ones."""
 _UNLIKE: Final = np.radians(40)
 """Difference of angles below which fingers count as equally bent."""
 _ALIKE_DEG: Final = ((-5, 5), (15, 30), (40, 40), (20, 80), (65, 70), (85, 100))

@@ -264,6 +264,10 @@ class DepthScene:
         """Return the poses of the arms at a time since the scene's start [s], in the camera frame."""
         return tuple(self._seen(actor.at(at_s)[0]) for actor in self._actors)
 
+    def gestures(self, at_s: float) -> tuple[str, ...]:
+        """Return the arms' gestures at a time since the scene's start [s], as `ArmTruth` has them, without an image."""
+        return tuple(actor.at(at_s)[1] for actor in self._actors)
+
     def from_camera(self, T_other_this: Float64) -> DepthScene:
         """Return the scene as seen by another camera of this kind, as a new object with other noise.
 
