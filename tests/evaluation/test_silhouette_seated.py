@@ -7,9 +7,12 @@ from mocapella.errors import SettingsError
 from mocapella.evaluation.silhouette_seated import (
     FAR_M,
     HIDDEN,
+    RIGHT_M,
     SEATED_SCENES,
     SeatedRun,
+    doubt_score,
     follow_seated,
+    misplaced,
     turned_rig,
     visible_share,
 )
@@ -45,6 +48,32 @@ def test_joints_that_no_image_shows_must_be_doubted():
     assert knees.score("ankle").hidden_unsaid == 1.0
     shown = run([[0.0] * 3], [[True] * 3]).score("knee")
     assert (shown.hidden, shown.hidden_unsaid, shown.shown_doubted) == (0.0, 0.0, 0.0)
+
+
+def test_doubt_is_scored_of_far_joints_and_of_right_ones_that_an_image_shows():
+    far, right = 2 * FAR_M, 0.5 * RIGHT_M
+    one = run([[far, far, 0.0], [right, right, 0.0]], [[True, False, True], [False, True, True]])
+    other = run([[far, right, 0.0]], [[False, False, True]], [[1.0, 0.0, 1.0]])
+    found = doubt_score([one, other], "knee")
+    assert (found.far, found.right) == (3, 2)
+    assert (found.far_doubted, found.right_doubted) == pytest.approx((2 / 3, 1 / 2))
+    assert np.isnan(doubt_score([one], "ankle").far_doubted)
+    with pytest.raises(SettingsError, match="joint"):
+        doubt_score([one], "kne")
+
+
+def test_misplaced_limbs_keep_the_trunk_and_the_limits():
+    scene = silhouette_scene("sits", seed=3, size_px=(64, 48), fps=10, seconds=0.3)
+    mesh, pose = scene.mesh, scene.pose(0)
+    found = [misplaced(mesh, pose, 0.3, seed) for seed in range(4)]
+    trunk = [name.startswith("waist") for name in mesh.joint_names]
+    for one in found:
+        assert np.array_equal(one.T_world_model, pose.T_world_model)
+        assert np.array_equal(one.angles[trunk], pose.angles[trunk])
+        assert (one.angles >= mesh.tree.limits[:, 0]).all()
+        assert (one.angles <= mesh.tree.limits[:, 1]).all()
+    assert max(np.abs(one.angles - pose.angles).max() for one in found) > 0.3
+    assert np.array_equal(misplaced(mesh, pose, 0.0, 3).angles, np.clip(pose.angles, *mesh.tree.limits.T))
 
 
 def test_what_a_screen_hides_is_not_visible():

@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 
+import msgspec
 import numpy as np
 import pytest
 from support.silhouette_room import Room, bent
@@ -36,9 +37,20 @@ def evidence(nats_of=lambda outline: np.full(len(outline.at), 3.0)):
     return found
 
 
-def lacking(some):
-    has = LimbSupport(ROOM.mesh, 1.0).supported(landmarks_at(ROOM.mesh, POSE), some)
+def lacking(some, *, shown=False):
+    support = LimbSupport(ROOM.mesh, 1.0)
+    has = (support.shown if shown else support.supported)(landmarks_at(ROOM.mesh, POSE), some)
     return {name for name, one in zip(MARKS, has.tolist(), strict=True) if not one}
+
+
+def changed(some, **fields):
+    """The same evidence with other fields, each a function of the outline."""
+    return [msgspec.structs.replace(one, **{name: of(one.outline) for name, of in fields.items()}) for one in some]
+
+
+def of_left_leg(outline):
+    names = ("left thigh", "left shank", "left foot")
+    return np.isin(outline.part, [ROOM.mesh.part_names.index(name) for name in names])
 
 
 def test_all_limbs_are_supported_where_all_of_the_outline_is_clear():
@@ -52,11 +64,36 @@ def test_without_evidence_no_limb_is_supported_and_the_trunk_is_not_judged():
     }
 
 
-def test_a_leg_without_evidence_in_all_images_is_named_and_one_image_is_enough():
-    leg = [k for k, name in enumerate(ROOM.mesh.part_names) if name in ("left thigh", "left shank", "left foot")]
-    hidden = evidence(lambda outline: np.where(np.isin(outline.part, leg), 0.0, 3.0))
-    assert lacking(hidden) == LEFT_LEG
-    assert lacking([*hidden[1:], evidence()[0]]) == set()
+def test_one_image_shows_a_leg_and_most_of_the_images_support_it():
+    hidden = evidence(lambda outline: np.where(of_left_leg(outline), 0.0, 3.0))
+    assert lacking(hidden) == lacking(hidden, shown=True) == LEFT_LEG
+    for clear in (1, 3, 4):
+        some = [*evidence()[:clear], *hidden[clear:]]
+        assert lacking(some, shown=True) == set()
+        assert lacking(some) == (LEFT_LEG if clear == 1 else set())
+
+
+def test_a_single_image_of_several_does_not_support_and_the_only_one_does():
+    some = changed(evidence(), open=lambda outline: ~of_left_leg(outline))
+    some[0] = evidence()[0]
+    assert lacking(some) == LEFT_LEG, "its distance is unknown"
+    assert lacking(some[:1]) == set()
+    some[1] = evidence()[1]
+    assert lacking(some) == set()
+
+
+def test_images_that_cannot_show_a_limb_take_nothing_away_and_those_that_do_not_show_it_do():
+    hidden = evidence(lambda outline: np.where(of_left_leg(outline), 0.0, 3.0))
+    whole = evidence()
+    assert {"left knee", "left ankle"} <= lacking([*whole[:2], *hidden[2:]])
+    covered = changed(hidden, open=lambda outline: ~of_left_leg(outline))
+    assert lacking([*whole[:2], *covered[2:]]) == set()
+
+
+def test_edges_of_the_room_support_nothing():
+    of_room = changed(evidence(), room=of_left_leg)
+    assert lacking(of_room) == LEFT_LEG
+    assert lacking(of_room, shown=True) == set()
 
 
 def test_an_edge_that_crosses_the_outline_does_not_support_it():
@@ -108,9 +145,9 @@ def test_landmarks_without_support_are_reported_once_they_lack_it_for_long_and_w
     assert frames(said, [True, False], count=few) == []
     assert said.lasting == []
     assert frames(said, [True, False], few) == [
-        "from frame 0 on: no image shows anna's left ankle: predicted, not measured"
+        "from frame 0 on: images do not support anna's left ankle: predicted, not measured"
     ]
-    assert said.lasting == ["no image shows anna's left ankle: predicted, not measured"]
+    assert said.lasting == ["images do not support anna's left ankle: predicted, not measured"]
     assert frames(said, [True, True], 100, few) == []
     assert said.lasting != [], "not before it has lasted"
     assert frames(said, [True, True], 100 + few, 5) == ["frame 100: images show all limbs of anna again"]
@@ -148,7 +185,7 @@ def test_a_part_of_which_one_landmark_shows_is_not_reported():
     assert [text for k in range(60) for text in said.update(k, k * NS_PER_S // 50, of)] == []
     of = {"": np.array([False, False, True])}
     said_now = [text for k in range(60, 120) for text in said.update(k, k * NS_PER_S // 50, of)]
-    assert said_now == ["from frame 60 on: no image shows wrist, fingertip: predicted, not measured"]
+    assert said_now == ["from frame 60 on: images do not support wrist, fingertip: predicted, not measured"]
 
 
 def test_conditions_go_on_from_their_memory():

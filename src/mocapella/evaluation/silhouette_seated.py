@@ -8,7 +8,7 @@ The empty room is filmed first, the person sits on a chair that came later, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -19,19 +19,24 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import SettingsError, one_of
 from mocapella.evaluation.keypoints_of_scenes import drawn_keypoints
-from mocapella.evaluation.silhouette_runs import alone, measured_body, rough_joints, seen_at
+from mocapella.evaluation.silhouette_runs import measured_body, rough_joints, seen_at
 from mocapella.geometry.twists import exp_twist
+from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.kinematics.silhouette_fit import eye
 from mocapella.kinematics.silhouette_fit import seen_at as pixels_of
 from mocapella.model.camera import CameraRig
-from mocapella.model.rigged_mesh import posed
+from mocapella.model.rigged_mesh import RiggedMesh, posed
+from mocapella.model.twist_tree import TreePose, limbs_of
 from mocapella.recording.bodies_file import ALONE
 from mocapella.settings import check
 from mocapella.sources.simulate.corruption import Corruption
 from mocapella.sources.simulate.silhouette_scene import CameraLook, SilhouetteScene, silhouette_scene
+from mocapella.tracker.frame_sync import FrameSyncSettings
 from mocapella.tracker.image_arrivals import arrivals_of
+from mocapella.tracker.initial_body import InitialBody
 from mocapella.tracker.limb_support import NEAR_M, LimbSupport
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
+from mocapella.tracker.silhouettes import SilhouettesTracker
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -45,6 +50,8 @@ EMPTY_IMAGES: Final = 3
 """Number of images of the empty room, of each camera."""
 FAR_M: Final = 0.1
 """Error of a joint that must be doubted [m]."""
+RIGHT_M: Final = 0.05
+"""Error of a joint that must not be doubted if an image shows it in truth [m]."""
 HIDDEN: Final = 0.02
 """A joint is hidden if every image shows a smaller share of the limb's skin about it."""
 
@@ -64,6 +71,7 @@ class SeatedScene:
         start_sd_m: standard deviation of the start's joints, along each axis [m].
         loose_m: distance of the trousers from the legs, which the tracked body does not have [m].
         rig_sd_rad: standard deviation of the rotation errors of the tracker's cameras, about each axis [rad].
+        misplaced_rad: standard deviation of the errors of the angles of limbs at the start, of `misplaced` [rad].
     """
 
     surroundings: str = "chair"
@@ -76,6 +84,7 @@ class SeatedScene:
     start_sd_m: float = START_SD_M
     loose_m: float = 0.0
     rig_sd_rad: float = 0.0
+    misplaced_rad: float = 0.0
 
 
 SEATED_SCENES: Final[Mapping[str, SeatedScene]] = {
@@ -93,6 +102,7 @@ SEATED_SCENES: Final[Mapping[str, SeatedScene]] = {
     "clip-desk": SeatedScene("desk", loose_m=0.025, rig_sd_rad=0.002, start_sd_m=0.025),
     "shifts": SeatedScene(motion="shifts"),
     "shifts-desk": SeatedScene("desk", motion="shifts"),
+    **{f"misplaced-{name}": SeatedScene(name, misplaced_rad=0.3) for name in ("chair", "desk", "armchair", "skirt")},
 }
 """Scenes by name. All have a chair, a bag and a mask, which came after the empty room was filmed, and their shadows."""
 
@@ -102,7 +112,7 @@ class JointScore(msgspec.Struct, frozen=True):
 
     Attributes:
         median_mm, p95_mm, worst_mm: distances from the truth [mm].
-        doubted: share of the joints that are reported as not supported by any image, over all frames.
+        doubted: share of the joints that are reported as not supported by the images, over all frames.
         unsaid: share of the joints that are farther off than `FAR_M` and are not reported, over all frames.
         hidden: share of the joints that no image shows in truth, over all frames.
         hidden_unsaid: share of the hidden joints that are not reported; 0 if none is hidden.
@@ -117,6 +127,22 @@ class JointScore(msgspec.Struct, frozen=True):
     hidden: float
     hidden_unsaid: float
     shown_doubted: float
+
+
+class DoubtScore(msgspec.Struct, frozen=True):
+    """How doubt agrees with the errors of one kind of joint over several runs.
+
+    Attributes:
+        far: number of joints that are farther off than `FAR_M`, over all frames.
+        far_doubted: share of these that are reported as not supported by the images; NaN if there are none.
+        right: number of joints that are at most `RIGHT_M` off and shown by an image in truth, over all frames.
+        right_doubted: share of these that are reported; NaN if there are none.
+    """
+
+    far: int
+    far_doubted: float
+    right: int
+    right_doubted: float
 
 
 class SeatedRun(msgspec.Struct, frozen=True, eq=False):
@@ -154,6 +180,23 @@ class SeatedRun(msgspec.Struct, frozen=True, eq=False):
         )  # fmt: skip
 
 
+def doubt_score(runs: Sequence[SeatedRun], joint: str) -> DoubtScore:
+    """Return how doubt agrees with errors, of the landmarks whose names end with ``joint``, such as ``knee``.
+
+    Args:
+        runs: runs of bodies with the same landmarks, one or more.
+        joint: end of the landmarks' names.
+    """
+    these = [k for k, name in enumerate(runs[0].landmarks) if name.endswith(joint)]
+    check(len(these) > 0, "joint", joint, "the end of a landmark's name, such as knee")
+    errors, supported, visible = (
+        np.concatenate([getattr(run, of)[:, these] for run in runs]) for of in ("errors_m", "supported", "visible")
+    )
+    far, right = errors > FAR_M, (errors <= RIGHT_M) & (visible >= HIDDEN)
+    shares = [float((~supported[some]).mean()) if some.any() else float("nan") for some in (far, right)]
+    return DoubtScore(int(far.sum()), shares[0], int(right.sum()), shares[1])
+
+
 def follow_seated(
     name: str,
     seed: int,
@@ -187,7 +230,9 @@ def follow_seated(
     )  # fmt: skip
     joints, cameras = rough_joints(scene, hard.start_sd_m), list(scene.rig.cameras)
     mesh, between_ns = measured_body(scene, joints), round(NS_PER_S / fps)
-    tracker = alone(mesh, joints, turned_rig(scene.rig, hard.rig_sd_rad, seed), settings, period_s=1.0 / fps)
+    body = InitialBody(mesh, misplaced(mesh, pose_of(mesh, joints), hard.misplaced_rad, seed))
+    rig = turned_rig(scene.rig, hard.rig_sd_rad, seed)
+    tracker = SilhouettesTracker({ALONE: body}, rig, settings, sync=FrameSyncSettings(1.0 / fps))
     for k in range(EMPTY_IMAGES):
         empty = dict(zip(cameras, scene.background(k), strict=True))
         for arrival in arrivals_of(empty, 0, cameras=scene.rig.cameras, empty_room=True):
@@ -219,6 +264,24 @@ def turned_rig(rig: CameraRig, sd_rad: float, seed: int) -> CameraRig:
         error = exp_twist(np.concatenate([np.zeros(3), sd_rad * rng.standard_normal(3)]))
         placed[name] = msgspec.structs.replace(one, T_camera_world=error @ one.T_camera_world)
     return CameraRig(placed)
+
+
+def misplaced(mesh: RiggedMesh, pose: TreePose, sd_rad: float, seed: int) -> TreePose:
+    """Return a pose with random errors of the angles of whole limbs, of ``sd_rad`` each; every second limb has errors.
+
+    Args:
+        mesh: the body's mesh.
+        pose: the right pose.
+        sd_rad: standard deviation of the errors; 0 for none [rad].
+        seed: random seed of the scene.
+    """
+    rng, tree = np.random.default_rng([seed, 63]), mesh.tree
+    angles = pose.angles.copy()
+    for _, parts in limbs_of(tree):
+        of_it = np.isin(tree.joint_parts, parts)
+        if len(parts) > 1 and rng.random() < 0.5:
+            angles[of_it] += sd_rad * rng.standard_normal(int(of_it.sum()))
+    return TreePose(pose.T_world_model, np.clip(angles, *tree.limits.T))
 
 
 def visible_share(scene: SilhouetteScene, k: int) -> Float64:

@@ -45,7 +45,7 @@ class FollowedFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         overlap: intersection over union of the model's and the image's silhouettes, by camera that saw the body.
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost; the pose is then the last known one, or at first the initial one.
-        unsupported: names of the joints that no image shows; they are predicted, not measured.
+        unsupported: names of the joints that images do not support; they are predicted, not measured.
         shown: share of the model's outline for which the image has evidence, by camera that saw the body.
     """
 
@@ -90,7 +90,7 @@ def frame_of(
         overlap: intersection over union of the model's and the image's silhouettes, by camera; rounded to 4 decimals.
         left_out: the reason why a camera's image was not used, by camera.
         lost: whether the body is lost.
-        unsupported: names of the landmarks that no image shows.
+        unsupported: names of the landmarks that images do not support.
         shown: share of the model's outline for which the image has evidence, by camera; rounded, and NaN left out.
     """
     twist = tuple(float(x) for x in log_motion(pose.T_world_model))

@@ -15,7 +15,7 @@ from mocapella.recording.bodies_file import read_followed_people
 def read_bodies(path: Path) -> Trajectories:
     """Read a result of `mocapella track silhouettes` as trajectories of the kind ``bodies``.
 
-    A landmark that no image shows is inferred, as are all of a lost body. A body without a name is ``body``.
+    A landmark that images do not support is inferred, as are all of a lost body. A body without a name is ``body``.
 
     Raises:
         InputError: the file cannot be read, or is no such result.

@@ -181,6 +181,7 @@ class BodyFitter:
         # While it was fitted elsewhere, the person was a thing in these images.
         for camera in self._cameras.values():
             camera.things.reset()
+            camera.room_edges.reset()
 
     def learn_background(self, images: Mapping[str, UInt8]) -> None:
         """Learn the background from images of the empty room; after `start`. Moving cameras learn nothing.
@@ -282,8 +283,8 @@ class BodyFitter:
             pose = self._fitted_as_started(usable, others, pose, expected, rounds=rounds, segmented=segmented)
         pose = self._with_limbs_found(usable, others, pose, expected, time_ns, held=held)
         stands, seen = self.body.standing(pose), {}
-        evidence = self._evidence(stands)
-        supported = self._supported(stands, evidence)
+        evidence = self._evidence(stands, people)
+        shown, supported = self._supported(stands, evidence)
         self._as_expected = self._near(expected_at, stands.vertices, s.expected_steps)
         for name, one in evidence.items():
             camera, taken = self._cameras[name], people.get(name)
@@ -295,7 +296,7 @@ class BodyFitter:
             self._past = [(last_ns, pose if first else last), (time_ns, pose)]
             self._surface.learn(stands)
         self._missed = not seen
-        self._hidden_parts = self._support.hidden_parts(supported)
+        self._hidden_parts = self._support.hidden_parts(shown)
         return FittedBody(time_ns, pose, stands.landmarks, seen, left_out, supported, self._keypoints.contradicted)
 
     def _fitted(
@@ -409,8 +410,8 @@ class BodyFitter:
     ) -> TreePose:
         """Return the first frame's pose, with parts that no image shows as at the start, which is certain."""
         stands = self.body.standing(pose)
-        evidence = [*self._evidence(stands).values()]
-        shown = self._support.supported(stands.landmarks, evidence) | self._keypoints.supported(stands.landmarks)
+        evidence = [*self._evidence(stands, {}).values()]
+        shown = self._support.shown(stands.landmarks, evidence) | self._keypoints.supported(stands.landmarks)
         hidden = self._support.hidden_parts(shown)
         if not hidden.any():
             return pose
@@ -419,21 +420,31 @@ class BodyFitter:
         priors = self._priors(started, self._past[-1][0], held)
         return self._fitted(images, others, started, priors=priors, rounds=rounds, segmented=segmented)
 
-    def _supported(self, stands: Standing, evidence: Mapping[str, OutlineEvidence]) -> Bool:
-        """Return whether images or keypoints support each landmark (n,); remember which of them show which parts."""
+    def _supported(self, stands: Standing, evidence: Mapping[str, OutlineEvidence]) -> tuple[Bool, Bool]:
+        """Return whether images show, and support, each landmark (n,), or keypoints do.
+
+        Remember which images show which parts.
+        """
         self._stillness.witness(
             {name: self._support.shown_parts(stands.landmarks, one) for name, one in evidence.items()}
         )
-        by_outlines = self._support.supported(stands.landmarks, [*evidence.values()])
+        shown = self._support.shown(stands.landmarks, [*evidence.values()])
         if not evidence:
-            return by_outlines
-        contested = self._keypoints.contested(stands.landmarks)
-        return np.asarray((by_outlines & ~contested) | self._keypoints.supported(stands.landmarks))
+            return shown, shown
+        supported = self._support.supported(stands.landmarks, [*evidence.values()])
+        contested, by_keypoints = (
+            self._keypoints.contested(stands.landmarks),
+            self._keypoints.supported(stands.landmarks),
+        )
+        return np.asarray((shown & ~contested) | by_keypoints), np.asarray((supported & ~contested) | by_keypoints)
 
-    def _evidence(self, stands: Standing) -> dict[str, OutlineEvidence]:
-        """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands."""
+    def _evidence(self, stands: Standing, people: Mapping[str, Bool]) -> dict[str, OutlineEvidence]:
+        """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands.
+
+        ``people`` are the masks (height, width) of other people, by camera.
+        """
         return {
-            name: camera.support()
+            name: camera.support(people.get(name))
             for name, camera in self._segmented().items()
             if camera.look(self.body.figure, stands.vertices, self.settings)
         }

@@ -3,6 +3,10 @@
 The overlap with the region that was segmented does not tell: where an image says nothing, that region is the model's.
 So the evidence is counted: along the model's outline near a landmark, the image must have its contour there, too, and
 the pixels on both sides must be likelier on their own side than on the other.
+
+An image *shows* a landmark if there is enough of this evidence. Edges of other things are evidence, too, where they lie
+along the outline by chance. So images *support* a landmark only if two of them show it, if all together have evidence
+at most of its outline, and not counting edges of the room (`sensing/room_edges.py`).
 """
 
 from __future__ import annotations
@@ -29,6 +33,13 @@ LEAST_M: Final = 0.12
 """Least length of outline with evidence, over all cameras that count, that supports a landmark [m]."""
 LEAST_SHARE: Final = 0.5
 """A camera counts if this share of a landmark's outline in its image has evidence: edges of other things cross it."""
+OVERALL: Final = 0.55
+"""Least share of a landmark's outline in all images together that has evidence, for its support. A limb that is
+elsewhere is confirmed by some images, by edges of other things, and by most of them hardly ever."""
+FEWEST_CAMERAS: Final = 2
+"""Least number of cameras that count, if there are so many: in a single one, the distance of a limb is unknown."""
+FEWEST_M: Final = 0.04
+"""Least length of outline with evidence of a camera that counts for `FEWEST_CAMERAS` [m]."""
 LEAST_NATS: Final = 1.0
 """Least evidence of a point of the outline; where both sides look alike it is about 0 [nats]."""
 BESIDE_STEPS: Final = 1.5
@@ -48,11 +59,16 @@ class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
         outline: the model's outline.
         nats: (n,) evidence for each of its points, of `evidence_at` [nats].
         lengths_m: (n,) length of the outline that each point represents, on the body [m].
+        open: (n,) whether the image could show the outline at a point: within the image, and not where another person
+            is. None: everywhere.
+        room: (n,) whether the image's edge at a point is one of the room. None: nowhere.
     """
 
     outline: Outline
     nats: Float64
     lengths_m: Float64
+    open: Bool | None = None
+    room: Bool | None = None
 
     @property
     def shown(self) -> float:
@@ -84,18 +100,43 @@ class LimbSupport:
         of = {part: chain[k : k + 2] for chain in ends for k, part in enumerate(chain)}
         self.parts = [of.get(mark.part, []) for mark in mesh.landmarks.values()]
         self._part = np.array([mark.part for mark in mesh.landmarks.values()], np.int64)
+        counts = [np.isin(np.arange(len(parents)), some) for some in self.parts]
+        self._counts = np.array(counts, np.bool_).reshape(len(counts), len(parents))
+        self._judged = self._counts.any(axis=1)
         self._count = len(parents)
 
     def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
         """Return whether images support each landmark (n,); True for all that are not judged.
+
+        Fewer than `FEWEST_CAMERAS` images support what they show.
+
+        Args:
+            landmarks: (n, 3) in the world [m].
+            evidence: that of each camera that sees the body.
+        """
+        whole, sure = (np.zeros((len(evidence), len(landmarks))) for _ in range(2))
+        for row, one in enumerate(evidence):
+            counts = np.ones(len(one.nats), np.bool_) if one.open is None else one.open
+            clear = one.nats >= self._least_nats
+            if one.room is not None:
+                clear = clear & ~one.room
+            metres, near = np.where(counts, one.lengths_m, 0.0), self._near(landmarks, one)
+            whole[row] = np.where(near, metres, 0.0).sum(axis=1)
+            sure[row] = np.where(near & clear, metres, 0.0).sum(axis=1)
+        share = sure.sum(axis=0) / np.maximum(whole.sum(axis=0), 1e-9)
+        cameras = ((sure >= LEAST_SHARE * whole) & (sure >= FEWEST_M)).sum(axis=0)
+        enough = (share >= OVERALL) & (cameras >= min(FEWEST_CAMERAS, len(evidence)))
+        return np.asarray(self.shown(landmarks, evidence) & (enough | ~self._judged))
+
+    def shown(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
+        """Return whether any image shows each landmark (n,); True for all that are not judged.
 
         Args:
             landmarks: (n, 3) in the world [m].
             evidence: that of each camera that sees the body.
         """
         length = sum((self._shown_m(landmarks, one) for one in evidence), np.zeros(len(landmarks)))
-        judged = np.array([bool(parts) for parts in self.parts], np.bool_)
-        return ~judged | (length >= LEAST_M)
+        return np.asarray(~self._judged | (length >= LEAST_M))
 
     def shown_parts(self, landmarks: Float64, evidence: OutlineEvidence) -> Bool:
         """Return whether one image shows each part (parts,), by `LEAST_M` of outline about one of its landmarks.
@@ -110,21 +151,22 @@ class LimbSupport:
 
     def _shown_m(self, landmarks: Float64, evidence: OutlineEvidence) -> Float64:
         """Return the length (n,) of outline with evidence near each landmark in one image, if that counts, else 0."""
-        points, part, metres = evidence.outline.points, evidence.outline.part, evidence.lengths_m
-        sure = np.where(evidence.nats >= self._least_nats, metres, 0.0)
-        length = np.zeros(len(landmarks))
-        for k, parts in enumerate(self.parts):
-            if parts:
-                near = np.isin(part, parts) & (((points - landmarks[k]) ** 2).sum(axis=1) < NEAR_M**2)
-                shown = sure[near].sum()
-                length[k] = shown if shown >= LEAST_SHARE * metres[near].sum() else 0.0
-        return length
+        near = self._near(landmarks, evidence)
+        sure = np.where(evidence.nats >= self._least_nats, evidence.lengths_m, 0.0)
+        whole_m, sure_m = (np.where(near, metres, 0.0).sum(axis=1) for metres in (evidence.lengths_m, sure))
+        return np.where(sure_m >= LEAST_SHARE * whole_m, sure_m, 0.0)
 
-    def hidden_parts(self, supported: Bool) -> Bool:
-        """Return the parts (parts,) none of whose landmarks is ``supported`` (n,); False for parts without any."""
+    def _near(self, landmarks: Float64, evidence: OutlineEvidence) -> Bool:
+        """Return which points of the outline count for each landmark (n, points); none for one that is not judged."""
+        outline = evidence.outline
+        distances2 = np.square(outline.points[None] - landmarks[:, None]).sum(axis=2)
+        return np.asarray(self._counts[:, outline.part] & (distances2 < NEAR_M**2))
+
+    def hidden_parts(self, shown_marks: Bool) -> Bool:
+        """Return the parts (parts,) none of whose landmarks images show (n,); False for parts without any."""
         with_marks, shown = np.zeros(self._count, np.bool_), np.zeros(self._count, np.bool_)
         with_marks[self._part] = True
-        shown[self._part[supported]] = True
+        shown[self._part[shown_marks]] = True
         return with_marks & ~shown
 
 
@@ -155,7 +197,7 @@ def _nearest(values: Float32, outline: Outline, at: Float64) -> Float32:
 
 
 class SupportConditions:
-    """Reports parts of limbs that no image has supported for `LASTS_S`, by their landmarks, and the end of that.
+    """Reports parts of limbs that images have not supported for `LASTS_S`, by their landmarks, and the end of that.
 
     A part is without support if all of its landmarks are. A fingertip alone is no limb: in small pictures it is
     narrower than a sample, so its support comes and goes. Who leaves the images, or comes, begins anew.
@@ -234,4 +276,4 @@ class SupportConditions:
 
 def _clause(name: str, marks: Sequence[str]) -> str:
     whose = f"{name}'s " if name else ""
-    return f"no image shows {whose}{', '.join(marks)}: predicted, not measured"
+    return f"images do not support {whose}{', '.join(marks)}: predicted, not measured"

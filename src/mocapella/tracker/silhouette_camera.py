@@ -24,6 +24,7 @@ from mocapella.sensing.frame_changes import FrameChanges
 from mocapella.sensing.largest_object import largest_object
 from mocapella.sensing.passing_things import PassingThings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
+from mocapella.sensing.room_edges import RoomEdges
 from mocapella.tracker.limb_stillness import ChangedImage
 from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
@@ -106,6 +107,7 @@ class SilhouetteCamera:
         background: model of the background; None for moving cameras.
         changes: where the image changes, from instant to instant.
         things: foreground that is none of the body.
+        room_edges: edges of the room beside the body.
         wide: whether to search farther from the outline, for a rough pose; set by the fitter.
         usually: adaptive threshold for the share of changed background, see `unlike`.
         covers: adaptive threshold for the overlap of contour and model outline, see `seen`.
@@ -121,7 +123,7 @@ class SilhouetteCamera:
         self._wide_correspondences = dataclasses.replace(settings.correspondences, soft_steps=WIDE * soft)
         self._usual_reach = float(settings.margin_steps * step_px)
         self.background = None if settings.background is None else BackgroundMemory(step_px, settings.background)
-        self.changes, self.things = FrameChanges(step_px), PassingThings()
+        self.changes, self.things, self.room_edges = FrameChanges(step_px), PassingThings(), RoomEdges(step_px)
         self.wide = False
         self.usually, self.covers = Usually(), Usually()
         self.forget_frame()
@@ -140,14 +142,16 @@ class SilhouetteCamera:
         """Return all state between two frames, for `recall`; its mutable values are shared, not copied."""
         background = None if self.background is None else self.background.memory()
         others = [self.usually.memory(), self.covers.memory(), self.changes.memory(), self.things.memory()]
+        others.append(self.room_edges.memory())
         return [self.step_px, background, *others]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same ``step_px``, its first element."""
-        _, background, usually, covers, changes, things = memory
+        _, background, usually, covers, changes, things, edges = memory
         self._scored = None
         self.changes.recall(changes)
         self.things.recall(things)
+        self.room_edges.recall(edges)
         if self.background is not None:
             self.background.recall(background)
         self.usually.recall(usually)
@@ -306,13 +310,25 @@ class SilhouetteCamera:
         enough = 2 * len(known) > len(score) and 3 * len(known) > whole
         return float((known > 0).mean()) if enough else float("nan")
 
-    def support(self) -> OutlineEvidence:
-        """Return how clearly this frame's image shows the model's outline; only if it is `segmented`."""
+    def support(self, people: Bool | None) -> OutlineEvidence:
+        """Return how clearly this frame's image shows the model's outline; only if it is `segmented`.
+
+        Args:
+            people: (height, width) mask of other people, who may hide the body; None for none.
+        """
         assert self._outline is not None
         assert self._found is not None
-        contour, surety = self._found
-        lengths = np.linalg.norm(self._outline.normals, axis=1) * self._outline.depth / self._eye.lens[0]
-        return OutlineEvidence(self._outline, evidence_at(self._outline, contour.phi, surety), lengths)
+        assert self._image is not None
+        (contour, surety), outline, (height, width) = self._found, self._outline, self._image.shape[:2]
+        lengths = np.linalg.norm(outline.normals, axis=1) * outline.depth / self._eye.lens[0]
+        column, row = np.rint(outline.at).astype(np.int64).T
+        free = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        if people is not None:
+            free &= ~people[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        room = None
+        if self.background is not None:
+            room = self.room_edges.of_room(self._image, outline.at, outline.normals, self.background)
+        return OutlineEvidence(outline, evidence_at(outline, contour.phi, surety), lengths, free, room)
 
     def contradicts(self, pixels: Float64, margins_rad: Float64) -> Bool:
         """Return whether the image shows that pixels (n,) are not the body's; only if it is `segmented`.
@@ -467,6 +483,7 @@ class SilhouetteCamera:
         if self.background is not None and self._outline is not None and self._found is not None:
             # Neither the contour's neighbourhood nor the body is learnt; no further distance is kept.
             self.background.update(image, self._found[0], others, self._outline.mask)
+            self.room_edges.keep(image, self._outline.silhouette)
             self._scored = None
 
     def _expected(self) -> Silhouette:

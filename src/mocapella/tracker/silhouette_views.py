@@ -67,7 +67,7 @@ def covered_by_all(found: Mapping[str, FittedBody], rig: CameraRig) -> dict[str,
 
 
 def unsupported(fit: FittedBody, landmarks: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of a fitted body's ``landmarks`` that no image supports; empty if that is unknown."""
+    """Return the names of a fitted body's ``landmarks`` that images do not support; empty if that is unknown."""
     if fit.supported is None:
         return ()
     return tuple(name for name, has in zip(landmarks, fit.supported.tolist(), strict=True) if not has)

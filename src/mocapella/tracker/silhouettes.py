@@ -368,7 +368,7 @@ class SilhouettesTracker:
         return scene_at(arrival, step, self._state, {"bodies": self._bodies}, sensors=self._places)
 
 
-_FORMAT: Final = "silhouettes 6"
+_FORMAT: Final = "silhouettes 7"
 _OWN_MEMORY: Final = (
     *("_steps", "_instants", "_restarts", "_rejected", "_newest", "_filmed", "_begun", "_reason", "_notes", "_bodies"),
     *("_state", "_first_ns"),
