@@ -52,6 +52,12 @@ def test_an_arm_that_is_found_in_narrower_images_alone_is_evidence_for_them() ->
     assert guess.px == FATTENING_PX
 
 
+def test_where_the_measured_things_fit_one_comparison_is_enough_only_if_it_is_clear() -> None:
+    assert learnt(FatteningGuess(-1), 0.122, 0.164, 2) == [0, FATTENING_PX]
+    assert learnt(FatteningGuess(-1), 0.107, 0.164) == [FATTENING_PX]
+    assert learnt(FatteningGuess(-1), 0.22, 0.28) == [FATTENING_PX]
+
+
 @pytest.mark.parametrize("narrower", [1.0, 0.3 * CLEARLY + 0.001, 0.3, 0.5])
 def test_a_camera_whose_arms_fit_narrower_images_worse_does_not(narrower: float) -> None:
     guess = FatteningGuess(-1)

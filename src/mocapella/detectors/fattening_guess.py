@@ -24,6 +24,10 @@ CLEARLY: Final = 0.85
 PLAINLY: Final = 0.155
 """Cost below which a fit to the measured things is evidence that they are not wider, however low the other cost."""
 _AGAINST: Final = 0.1
+_FITS: Final = 0.19
+"""Cost above which a fit to the measured things tells nothing for them: any evidence for narrower ones counts."""
+_FOR: Final = 0.2
+"""Evidence that is needed for narrower things where the measured ones fit: one wrong posture may fit them better."""
 _ENOUGH: Final = 0.8
 """Evidence at which the kind is known."""
 MOST_EVIDENCE: Final = 1.0
@@ -102,5 +106,6 @@ class FatteningGuess:
         if measured < PLAINLY:
             evidence = min(evidence, -_AGAINST)
         self._evidence = float(np.clip(self._evidence + evidence, -MOST_EVIDENCE, MOST_EVIDENCE))
-        before, self.px = self.px, FATTENING_PX if self._evidence > 0 else 0
+        needed = 0.0 if self.px or measured >= _FITS else _FOR
+        before, self.px = self.px, FATTENING_PX if self._evidence > needed else 0
         return self.px != before
