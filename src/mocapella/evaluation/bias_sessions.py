@@ -25,9 +25,10 @@ from mocapella.tracker.default_settings import DefaultSettings
 
 TASKS: Final = {SCENARIOS["stationary"]: 0.2, SCENARIOS["steps"]: 0.5, SCENARIOS["walk"]: 1.0}
 """Weight of each task of a session, independent of its length."""
-NEAR_OTHERS: Final = 5.0
+NEAR_OTHERS: Final = 2.8
 """Weight of a session of several people, independent of its length and tasks; larger: Δd of two people falls, and that
-of people who walk alone rises. Chosen by leaving each session of two people out.
+of people who walk alone rises. Chosen by leaving each session of two people out, with simulated people calibrated as
+soon as without these sessions.
 """
 EVERY: Final = 4
 """Stride for each person: neighbouring frames are nearly equal, so every fourth is used."""
