@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError
 from mocapella.model.memory import set_memory
+from mocapella.sensing.image_samples import image_samples
 from mocapella.settings import check
 
 UInt8 = NDArray[np.uint8]
@@ -98,11 +99,9 @@ class FrameChanges:
                 value=f"{image.dtype} of shape {image.shape}",
                 fix="make it uint8, (height, width) or (height, width, 3)",
             )
-        height, width = image.shape[:2]
-        size = (max(width // self.step_px, 1), max(height // self.step_px, 1))
-        whole = image[: size[1] * self.step_px, : size[0] * self.step_px]
-        smooth = cv2.blur(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), (BLUR_STEPS, BLUR_STEPS))
-        now = np.asarray(smooth, np.uint8).reshape(size[1], size[0], -1)
+        samples = image_samples(image, self.step_px)
+        rows, columns, _ = samples.shape
+        now = np.asarray(cv2.blur(samples, (BLUR_STEPS, BLUR_STEPS)), np.uint8).reshape(rows, columns, -1)
         if not self._older.size:
             self._older, self._newer, self._older_ns, self._newer_ns = now, now, time_ns, time_ns
             return None

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.image_samples import image_samples
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -77,7 +78,7 @@ class RoomEdges:
 
         if self._first.size:
             return
-        self._first = self._sampled(image)
+        self._first = image_samples(image, self.step_px)
         mask = body.mask((image.shape[1], image.shape[0]))
         wide = 2 * APART_STEPS * self.step_px + 1
         grown = np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((wide, wide), np.uint8)))
@@ -96,7 +97,7 @@ class RoomEdges:
         long = np.linalg.norm(normals, axis=1, keepdims=True)
         beside = BESIDE_STEPS * self.step_px * normals / np.maximum(long, 1e-9)
         inside, outside = at - beside, at + beside
-        now = self._sampled(image)
+        now = image_samples(image, self.step_px)
         within, without = self._at(now, inside), self._at(now, outside)
         contrast = np.abs(within - without).max(axis=1)
         found = (background.strange_at(image, inside) < 0) & (contrast >= CLEAR_LEVELS)
@@ -108,16 +109,6 @@ class RoomEdges:
             elsewhere = self._at(~self._body[..., None], at)[:, 0] > 0
             found |= elsewhere & (change < UNCHANGED * contrast)
         return np.asarray(found)
-
-    def _sampled(self, image: UInt8) -> UInt8:
-        """Return an image's samples (rows, columns, channels)."""
-        import cv2
-
-        height, width = image.shape[:2]
-        size = (max(width // self.step_px, 1), max(height // self.step_px, 1))
-        whole = image[: size[1] * self.step_px, : size[0] * self.step_px]
-        small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
-        return small.reshape(size[1], size[0], -1)
 
     def _at(self, samples: UInt8 | Bool, pixels: Float64) -> Float32:
         """Return the sample (n, channels) nearest to each pixel x, y (n, 2), and to those outside of the image."""

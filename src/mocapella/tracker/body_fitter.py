@@ -432,11 +432,8 @@ class BodyFitter:
         if not evidence:
             return shown, shown
         supported = self._support.supported(stands.landmarks, [*evidence.values()])
-        contested, by_keypoints = (
-            self._keypoints.contested(stands.landmarks),
-            self._keypoints.supported(stands.landmarks),
-        )
-        return np.asarray((shown & ~contested) | by_keypoints), np.asarray((supported & ~contested) | by_keypoints)
+        free, known = ~self._keypoints.contested(stands.landmarks), self._keypoints.supported(stands.landmarks)
+        return np.asarray((shown & free) | known), np.asarray((supported & free) | known)
 
     def _evidence(self, stands: Standing, people: Mapping[str, Bool]) -> dict[str, OutlineEvidence]:
         """Return how clearly each segmented image shows the body's outline, after a `look` for it where it stands.
