@@ -14,18 +14,27 @@ from numpy.typing import NDArray
 
 from mocapella.association.jumps import JumpLimits, KnownBodies
 from mocapella.association.proportions import MOST, SD_M
-from mocapella.association.tracks import RECENT_S, Assignment, FrameBodies, Gates, TrackArrays
+from mocapella.association.tracks import (
+    AMBIGUOUS,
+    CHANGED,
+    EXPIRED,
+    FORGOTTEN,
+    INCOMPLETE,
+    MAY_BE_KNOWN,
+    MAY_BE_ONE,
+    RECENT_S,
+    Assignment,
+    FrameBodies,
+    Gates,
+    TrackArrays,
+    TrackInputs,
+)
 from mocapella.compiled import njit
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 UInt64 = NDArray[np.uint64]
 Bools = NDArray[np.bool_]
-
-EXPIRED, COMPLETE, DECIDED, AMBIGUOUS = -1, 0, 1, 2
-"""Outcomes of `costs`, which describes them."""
-MAY_BE_ONE, MAY_BE_KNOWN, FORGOTTEN = 1, 2, 4
-"""Events of `take`, which describes them; they are added."""
 
 _MOST_VALUES = 300
 
@@ -142,7 +151,7 @@ def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArra
 
     Returns:
         `EXPIRED` if a track must be dropped first; `AMBIGUOUS` if two bodies have the same cheapest track, so that
-        ``result.rows`` is no assignment; else `COMPLETE` if each body has a track, or `DECIDED` if some have none.
+        ``result.rows`` is no assignment; `INCOMPLETE` if some bodies have no track; else 0.
     """
     at_s, column, ids, middles = frame.at_s, frame.column, frame.ids, frame.middles
     sized = len(frame.lengths) > 0
@@ -180,7 +189,7 @@ def costs(frame: FrameBodies, expected: Float64, gates: Gates, tracks: TrackArra
             taken[rows[b]] = True
     if conflict:
         return AMBIGUOUS
-    return COMPLETE if complete else DECIDED
+    return 0 if complete else INCOMPLETE
 
 
 @njit(cache=True)
@@ -195,7 +204,8 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
     Returns:
         The sum of events: two tracks may be one person (`MAY_BE_ONE`), a new track is due for confirmation
-        (`MAY_BE_KNOWN`), another sensor's view of a person is older than `RECENT_S` and was dropped (`FORGOTTEN`).
+        (`MAY_BE_KNOWN`), another sensor's view of a person is older than `RECENT_S` and was dropped (`FORGOTTEN`), the
+        sensor sees other people or bodies than before (`CHANGED`).
     """
     at_s, column, ids, middles, lengths = frame.at_s, frame.column, frame.ids, frame.middles, frame.lengths
     since_s, seen_s, confirmed, middle = tracks.since_s, tracks.seen_s, tracks.confirmed, tracks.middle
@@ -209,6 +219,8 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
             continue
         shown[r] = True
         seen_s[r] = max(at_s, seen_s[r])  # frames of several sensors arrive slightly out of order
+        if body[r, column] != ids[b] or not np.isfinite(body_s[r, column]):
+            events |= CHANGED
         body[r, column], body_s[r, column] = ids[b], seen_s[r]
         for j in range(middle.shape[1]):
             if np.isfinite(middles[b, j, 0]) and np.isfinite(middles[b, j, 1]) and np.isfinite(middles[b, j, 2]):
@@ -220,7 +232,7 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
         for c in range(sensors):
             if not shown[r] and np.isfinite(body_s[r, c]) and (c == column or at_s - body_s[r, c] > RECENT_S):
                 body_s[r, c] = -np.inf
-                events |= 0 if c == column else FORGOTTEN
+                events |= CHANGED if c == column else FORGOTTEN
             present[r] = present[r] or np.isfinite(body_s[r, c])
         if present[r] and not confirmed[r] and seen_s[r] - since_s[r] >= confirm_after_s:
             events |= MAY_BE_KNOWN
@@ -239,23 +251,16 @@ def take(frame: FrameBodies, rows: Int64, same_within_m: float, confirm_after_s:
 
 
 @njit(cache=True)
-def assign_and_take(
-    frame: FrameBodies,
-    expected: Float64,
-    gates: Gates,
-    same_within_m: float,
-    confirm_after_s: float,
-    tracks: TrackArrays,
-    result: Assignment,
-) -> tuple[int, int]:
+def assign_and_take(frame: FrameBodies, expected: Float64, tracks: TrackInputs, result: Assignment) -> int:
     """Call `costs`, and `take` if that assigned all bodies; see both for the arguments.
 
     Returns:
-        What `costs` returns, and if it is `COMPLETE` what `take` returns, else 0.
+        What `costs` returns, or if that is 0 what `take` returns.
     """
-    outcome: int = costs(frame, expected, gates, tracks, result)
-    events: int = take(frame, result.rows, same_within_m, confirm_after_s, tracks) if outcome == COMPLETE else 0
-    return outcome, events
+    events: int = costs(frame, expected, tracks.gates, tracks.arrays, result)
+    if events == 0:
+        events = take(frame, result.rows, tracks.same_within_m, tracks.confirm_after_s, tracks.arrays)
+    return events
 
 
 @njit(cache=True)

@@ -91,10 +91,13 @@ class TrackSettings:
         """The settings of the gating as floats, for the kernels."""
         return Gates(*(float(getattr(self, name)) for name in Gates._fields))
 
-    @cached_property
-    def merging(self) -> tuple[float, float]:
-        """``same_within_m`` and ``confirm_after_s`` as floats, for the kernels."""
-        return float(self.same_within_m), float(self.confirm_after_s)
+
+MAY_BE_ONE, MAY_BE_KNOWN, FORGOTTEN, CHANGED, EXPIRED, AMBIGUOUS, INCOMPLETE = (1 << n for n in range(7))
+"""Events of a frame, which are added; `track_kernels.costs` and `track_kernels.take` describe them."""
+UNFINISHED: Final = MAY_BE_ONE | MAY_BE_KNOWN | EXPIRED | AMBIGUOUS | INCOMPLETE
+"""Events after which the rows of a frame's bodies are not final."""
+UNASSIGNED: Final = EXPIRED | AMBIGUOUS | INCOMPLETE
+"""Those after which the frame's bodies are not assigned at all, and the tracks are as before."""
 
 
 class TrackArrays(NamedTuple):
@@ -136,6 +139,21 @@ class Gates(NamedTuple):
     widest_gate_m: float
     by_place_s: float
     forget_after_s: float
+
+
+class TrackInputs(NamedTuple):
+    """What the kernels take of `Tracks` for a frame.
+
+    Attributes:
+        gates: settings of the gating.
+        same_within_m, confirm_after_s: the settings of these names, as floats [m], [s].
+        arrays: the tracks, changed in place.
+    """
+
+    gates: Gates
+    same_within_m: float
+    confirm_after_s: float
+    arrays: TrackArrays
 
 
 class Assignment(NamedTuple):
@@ -313,6 +331,24 @@ class Tracks:
         _kernels().rows_of(numbers, self.sensors.index(sensor), m.body, m.body_s, rows)
         return rows
 
+    @property
+    def inputs(self) -> TrackInputs:
+        """The settings and the tracks themselves, not copies, for the kernels."""
+        s = self.settings
+        return TrackInputs(s.gates, float(s.same_within_m), float(s.confirm_after_s), self.memory.arrays)
+
+    def column(self, sensor: str, joints: int) -> int:
+        """Return the sensor's column in `memory`; an unknown one gets a new column.
+
+        If the number ``joints`` of joints on the body's middle line differs from before, all tracks are dropped first.
+        """
+        if self.memory.middle.shape[1] != joints:
+            self.memory = TrackMemory.empty(0, len(self.sensors), joints)
+        if sensor not in self.sensors:
+            self.sensors = [*self.sensors, sensor]
+            self.memory = self.memory.with_more(sensors=1)
+        return self.sensors.index(sensor)
+
     def move(self, T_new_old: Float64) -> None:
         """Express all positions in another world frame, in `memory`; T_new_old is a rigid motion (4, 4)."""
         self.memory.middle = apply(T_new_old, self.memory.middle)
@@ -344,31 +380,31 @@ class Tracks:
             (bodies,) the row of each in `memory` after the call; −1 for a body without visible middle joints that is
             not known by its id.
         """
-        if self.memory.middle.shape[1] != middles.shape[1]:
-            self.memory = TrackMemory.empty(0, len(self.sensors), middles.shape[1])
-        column, numbers = self._column(sensor), id_array(ids).view(np.int64)
+        column, numbers = self.column(sensor, middles.shape[1]), id_array(ids).view(np.int64)
         lengths = np.empty((0, 0)) if lengths is None else lengths
         where = np.empty((len(self.memory.person), 0, 3)) if expected is None else expected
-        rows, unplaced, events = self._assign(column, numbers, middles, where, at_s, lengths)
-        if unassigned := events is None:
-            new = np.flatnonzero((rows < 0) & ~unplaced)
-            if len(new):
-                rows[new] = len(self.memory.person) + np.arange(len(new))
-                self.memory = self.memory.with_more(tracks=len(new))
-                m = self.memory
-                m.person[rows[new]] = self._next + np.arange(len(new))
-                m.since_s[rows[new]] = at_s
-                self._next += len(new)
-            frame = FrameBodies(at_s, column, numbers, middles, lengths)
-            events = int(_kernels().take(frame, rows, *self.settings.merging, self.memory.arrays))
+        rows, events = self._assign(FrameBodies(at_s, column, numbers, middles, lengths), where)
+        return self.settle(sensor, ids, rows, events, at_s)
+
+    def settle(self, sensor: str, ids: Sequence[int], rows: Int64, events: int, at_s: float) -> Int64:
+        """Merge tracks, and confirm new ones, after a frame's bodies were assigned and `memory` was updated by them.
+
+        Args:
+            sensor, ids, at_s: as in `update`.
+            rows: (bodies,) the row of each body in `memory`; −1 for none.
+            events: of the frame.
+
+        Returns:
+            (bodies,) the rows after the call.
+        """
         m = self.memory
-        if events & _kernels().FORGOTTEN:
+        if events & FORGOTTEN:
             self._owners = {}
-        if unassigned:
+        if events & UNASSIGNED:
             self._owners.pop(sensor, None)
-        elif (owners := dict(zip(ids, m.person[rows].tolist(), strict=True))) != self._owners.get(sensor):
-            self._owners[sensor] = owners
-        if not events & (_kernels().MAY_BE_ONE | _kernels().MAY_BE_KNOWN):
+        elif events & CHANGED or sensor not in self._owners:
+            self._owners[sensor] = dict(zip(ids, m.person[rows].tolist(), strict=True))
+        if not events & (MAY_BE_ONE | MAY_BE_KNOWN):
             self._close_since_s, self.merged = {}, ()
             return rows
         people = np.where(rows < 0, -1, m.person[rows])
@@ -379,35 +415,35 @@ class Tracks:
             self._owners = {}
         return np.where(people < 0, -1, np.searchsorted(self.memory.person, people)).astype(np.int64)
 
-    def _column(self, sensor: str) -> int:
-        if sensor not in self.sensors:
-            self.sensors = [*self.sensors, sensor]
-            self.memory = self.memory.with_more(sensors=1)
-        return self.sensors.index(sensor)
-
-    def _assign(  # noqa: PLR0917
-        self, column: int, ids: Int64, middles: Float64, expected: Float64, at_s: float, lengths: Float64
-    ) -> tuple[Int64, Bools, int | None]:
-        """Drop expired tracks, and assign the bodies; if all are assigned, update the memory by them.
+    def _assign(self, frame: FrameBodies, expected: Float64) -> tuple[Int64, int]:
+        """Drop expired tracks, assign the bodies, make new tracks of those without one, and update the memory.
 
         Returns:
-            (bodies,) rows, −1 for none; (bodies,) whether no middle joint is visible; the events of the update, or None
-            if some bodies have no track yet, so that the memory is not updated.
+            (bodies,) rows, −1 for none; and the frame's events, with those of `UNASSIGNED` that were dealt with here.
         """
-        s, m = self.settings, self.memory
-        shape = len(ids), len(m.person)
-        cost, allowed = np.empty(shape), np.empty(shape, dtype=np.bool_)
-        rows, unplaced = np.empty(len(ids), dtype=np.int64), np.empty(len(ids), dtype=np.bool_)
-        frame, result = FrameBodies(at_s, column, ids, middles, lengths), Assignment(cost, allowed, unplaced, rows)
-        outcome, events = _kernels().assign_and_take(frame, expected, s.gates, *s.merging, m.arrays, result)
-        if outcome == _kernels().EXPIRED:
+        s, m, bodies = self.settings, self.memory, len(frame.ids)
+        shape = bodies, len(m.person)
+        rows, unplaced = np.empty(bodies, dtype=np.int64), np.empty(bodies, dtype=np.bool_)
+        result = Assignment(np.empty(shape), np.empty(shape, dtype=np.bool_), unplaced, rows)
+        events: int = _kernels().assign_and_take(frame, expected, self.inputs, result)
+        if events & EXPIRED:
             patience_s = np.where(m.confirmed, s.forget_after_s, 2.0 * RECENT_S)
-            stays = at_s - m.seen_s <= patience_s
+            stays = frame.at_s - m.seen_s <= patience_s
             self.memory = m.taken(stays)
-            return self._assign(column, ids, middles, expected[stays], at_s, lengths)
-        if outcome == _kernels().AMBIGUOUS:
-            rows = assign(cost, allowed)
-        return rows, unplaced, events if outcome == _kernels().COMPLETE else None
+            return self._assign(frame, expected[stays])
+        if not events & UNASSIGNED:
+            return rows, events
+        if events & AMBIGUOUS:
+            rows = assign(result.cost, result.allowed)
+        new = np.flatnonzero((rows < 0) & ~unplaced)
+        if len(new):
+            rows[new] = len(m.person) + np.arange(len(new))
+            m = self.memory = m.with_more(tracks=len(new))
+            m.person[rows[new]] = self._next + np.arange(len(new))
+            m.since_s[rows[new]] = frame.at_s
+            self._next += len(new)
+        inputs = self.inputs
+        return rows, events | _kernels().take(frame, rows, inputs.same_within_m, inputs.confirm_after_s, inputs.arrays)
 
     def _know_again(self, at_s: float) -> None:
         """Confirm tracks that are old enough, or merge them into those of missing people with similar lengths."""

@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.proportions import LENGTHS, ends_of_lengths
+from mocapella.association.proportions import LENGTHS
+from mocapella.association.tracks import UNFINISHED, TrackInputs
 from mocapella.errors import one_of
 from mocapella.fusion.facing import FacingFilter, FacingSettings
 from mocapella.fusion.joint_bias import BiasInputs, JointBiasModel
@@ -41,10 +42,10 @@ from mocapella.tracker.people_memory import (
     UNSURE_S,
     Bools,
     Float64,
-    FrameViews,
     PeopleMemory,
     PeopleParameters,
     Rows,
+    SensorBodies,
     UInt8,
     joint_layout,
 )
@@ -120,7 +121,8 @@ class PeopleSettings:
 class People:
     """Fuses and smooths the views of all tracked people, whom `mocapella.association.tracks.Tracks` identifies.
 
-    For each frame: `prepare`, the association, `join` of merged tracks, `arrange`, `column`, `update`, then `results`.
+    For each frame: `column`, `update`, then `results`. `update` also assigns the bodies; where that needs more than one
+    frame's costs: `prepare`, the association, `join` of merged tracks, `arrange`, and `update` with its result.
     The *space of the people*, the frame of reference of all state, is chosen by the caller.
 
     Args:
@@ -139,12 +141,9 @@ class People:
     def __init__(self, settings: PeopleSettings, topology: Topology) -> None:
         self.settings = settings
         self.topology = topology
-        self.mirror = np.array(topology.mirror, dtype=np.int64)
-        self.middle = np.flatnonzero(self.mirror == np.arange(len(topology))).astype(np.int64)
-        ends = ends_of_lengths(topology.joints)
-        self._ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
+        self._layout = joint_layout(topology)
+        self.mirror, self.middle = self._layout.mirror, self._layout.middle
         self._parameters = _parameters(settings)
-        self._layout = joint_layout(topology, self.mirror)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
         self._body_size, self._slack, self._body_arrays = 0, (0, 0), None
         if self._model is not None:
@@ -191,18 +190,17 @@ class People:
             T: (4, 4) from the sensor's camera space to the space of the people.
             at_s: time for which people are predicted, on the common clock [s].
         """
-        m, count, joints = self.memory, len(bodies.ids), len(self.mirror)
+        m, count = self.memory, len(bodies.ids)
+        middle = (len(self.middle), 3)
         prepared = Prepared(
-            np.empty((count, joints, 3)),
-            np.empty((count, len(self.middle), 3)),
-            np.empty((count, len(LENGTHS))),
-            np.empty((len(self.numbers), len(self.middle), 3)),
+            np.empty((count, *middle)),
+            np.full((count, len(LENGTHS)), np.nan),
+            np.empty((len(self.numbers), *middle)),
         )
-        prepared.lengths.fill(np.nan)
         _kernels().prepare(
-            np.ascontiguousarray(T), np.ascontiguousarray(bodies.positions), self._ends, self.middle, at_s,
+            np.ascontiguousarray(T), np.ascontiguousarray(bodies.positions), self._layout, at_s,
             self.settings.motion.forget_after_s, m.points,
-            prepared.positions, prepared.middles, prepared.lengths, prepared.expected,
+            np.empty(bodies.positions.shape), prepared.middles, prepared.lengths, prepared.expected,
         )  # fmt: skip
         return prepared
 
@@ -240,30 +238,37 @@ class People:
 
     @cached_property
     def _step(self) -> KernelCall:
-        return KernelCall(_step_kernels().step)
+        return KernelCall(_step_kernels().assign_and_step)
 
-    def update(self, frame: FrameViews, at_s: float) -> None:
-        """Process one frame: predict all people, then fuse and smooth those in the frame. `results` returns them.
+    def update(self, frame: SensorBodies, tracks: TrackInputs, at_s: float) -> int:
+        """Process one frame: assign its bodies, predict all people, and fuse and smooth those in the frame.
+
+        `results` returns the people. Bodies whose rows are not given are assigned to the tracks, which have the same
+        rows. Where that is not the whole assignment, nobody is fused: see the events that are returned.
 
         Args:
-            frame: the frame's bodies, each assigned to a person; may be empty.
+            frame: the frame's bodies; may be empty.
+            tracks: the tracks, which are updated if the bodies are assigned here.
             at_s: the newest capture time so far, on the common clock; all people are predicted to it [s].
+
+        Returns:
+            Events of the frame, see `mocapella.association.tracks.UNFINISHED`: after one of these, nobody was updated.
         """
         s, m, facing = self.settings, self.memory, None
         if self._facing is not None:
-            people = [self.numbers[row] for row in frame.rows.tolist()]
-            facing = self._facing.inputs(self.sensors[frame.column], people, frame.at_s)
+            facing = self._facing.inputs(self.sensors[frame.column], self.numbers, frame.at_s)
         fused = np.empty(frame.positions.shape)
-        self._step(
-            frame, at_s, self._parameters, s.fusion.parameters, self._layout, self.R_level, m.points, m.views,
+        events: int = self._step(
+            frame, tracks, at_s, self._parameters, s.fusion.parameters, self._layout, self.R_level, m.points, m.views,
             m.skeletons, facing, self._body_arrays, m.body, fused,
         )  # fmt: skip
-        if s.smoothing == "one-euro":
+        if s.smoothing == "one-euro" and not events & UNFINISHED:
             e = s.one_euro
             _kernels().smooth_people(
                 frame.rows, m.euro_positions, m.euro_velocities, m.euro_seen_s, fused, at_s,
                 e.min_cutoff_hz, e.beta_per_m, e.speed_cutoff_hz, e.forget_after_s, s.view_age_s, m.steady,
             )  # fmt: skip
+        return events
 
     def results(self, T: Float64, at_s: float, sensor: str = "") -> PeopleResults:
         """Return all people and the views in use, in new arrays; the state does not change.
@@ -414,14 +419,12 @@ class Prepared(msgspec.Struct, frozen=True, eq=False):
     """Inputs of association for a frame.
 
     Attributes:
-        positions: (bodies, joints, 3) in the space of the people [m]; NaN where not tracked.
         middles: (bodies, middle joints, 3) the joints on the body's middle line, which have no left and right, in the
-            same space [m].
+            space of the people [m]; NaN where not tracked.
         lengths: (bodies, lengths) body lengths, see `mocapella.association.proportions` [m]; NaN where not known.
         expected: (people, middle joints, 3) predicted for all people [m]; NaN where not known.
     """
 
-    positions: Float64
     middles: Float64
     lengths: Float64
     expected: Float64

@@ -59,7 +59,7 @@ def move_points(T: Float64, points: Float64, out: Float64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def prepare(
-    T: Float64, bodies: Float64, ends: Int64, middle: Int64, now_s: float, forget_after_s: float, points: PointArrays,
+    T: Float64, bodies: Float64, layout: JointLayout, now_s: float, forget_after_s: float, points: PointArrays,
     world: Float64, middles: Float64, lengths: Float64, expected: Float64,
 ) -> None:  # fmt: skip
     """Compute the inputs of association for a frame's bodies; see `mocapella.tracker.people.Prepared`.
@@ -67,14 +67,14 @@ def prepare(
     Args:
         T: (4, 4) from the sensor's camera space to the space of the people.
         bodies: (bodies, joints, 3) in camera space [m]; NaN where not tracked.
-        ends: (2 · lengths, 2) indices of the joints at both ends of each body length, left and right in turn.
-        middle: (middle,) indices of the joints on the body's middle line.
+        layout: joints with a special role.
         now_s: time for which people are predicted, on the common clock [s].
         forget_after_s: a joint that was unseen for longer is not predicted [s].
         points: Kalman filters of the people's joints.
         world, middles, lengths, expected: (bodies, joints, 3), (bodies, middle, 3), (bodies, lengths),
-            (people, middle, 3), written [m]; NaN where not known.
+            (people, middle, 3), written [m]; NaN where not known, but ``lengths`` stays if the topology has none.
     """
+    middle, ends = layout.middle, layout.ends
     for b in range(len(bodies)):
         move_points(T, bodies[b], world[b])
         for m in range(len(middle)):

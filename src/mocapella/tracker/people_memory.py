@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.proportions import ends_of_lengths
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]
@@ -120,22 +121,30 @@ class JointLayout(NamedTuple):
 
     Attributes:
         mirror: (joints,) index of each joint's counterpart on the other side of the body; of a central joint, its own.
+        middle: (middle,) indices of the central joints, on the body's middle line.
+        ends: (2 · lengths, 2) joints at both ends of each body length, see
+            `mocapella.association.proportions.ends_of_lengths`; (0, 2) if the topology lacks one.
         root, head: indices of the skeleton's root joint and of its head.
         lines: (2, 2) left and right shoulder, left and right hip; the shoulders again in a topology without hips.
         line_of: (joints,) 0 for the two shoulders, 1 for the two hips, −1 for all other joints.
     """
 
     mirror: Rows
+    middle: Rows
+    ends: Rows
     root: int
     head: int
     lines: Rows
     line_of: Rows
 
 
-def joint_layout(topology: Topology, mirror: Rows) -> JointLayout:
-    """Return the layout of a topology with the counterparts ``mirror`` (joints,)."""
-    parts = topology.parts
-    return JointLayout(mirror, parts["root"], parts["head"], *_shoulders_and_hips(topology))
+def joint_layout(topology: Topology) -> JointLayout:
+    """Return the layout of a topology."""
+    parts, mirror = topology.parts, np.array(topology.mirror, dtype=np.int64)
+    middle = np.flatnonzero(mirror == np.arange(len(mirror))).astype(np.int64)
+    ends = ends_of_lengths(topology.joints)
+    ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
+    return JointLayout(mirror, middle, ends, parts["root"], parts["head"], *_shoulders_and_hips(topology))
 
 
 def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
@@ -151,6 +160,39 @@ def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
     hips = (topology.index("HipLeft"), topology.index("HipRight")) if there else shoulders
     line_of = [0 if joint in shoulders else 1 if joint in hips else -1 for joint in range(len(joints))]
     return np.array([shoulders, hips]), np.array(line_of)
+
+
+class SensorBodies(NamedTuple):
+    """A frame's bodies, before their assignment to people.
+
+    Attributes:
+        ids: (bodies,) tracking ids.
+        rows: (bodies,) row of each body's person, each once.
+        assigned: whether ``rows`` is given; it is written otherwise.
+        column, track_column: column of the sensor in the arrays of the people, and in those of the tracks.
+        at_s: capture time on the common clock [s].
+        positions: (bodies, joints, 3) in the sensor's own camera space [m]; NaN where not tracked.
+        states: (bodies, joints) `JointState`.
+        corrections: (bodies, joints, 3) correction of the sensor's bias in that space, to add to ``positions`` [m];
+            (0, joints, 3) for none.
+        T: (4, 4) from that space to the space of the people.
+        clipped: (bodies,) whether the body is cut off at an edge of the image.
+        noise, scale_sd: how rigid the sensor's skeletons are, see `mocapella.model.topology.Topology` [ratio].
+    """
+
+    ids: Ids
+    rows: Rows
+    assigned: bool
+    column: int
+    track_column: int
+    at_s: float
+    positions: Float64
+    states: UInt8
+    corrections: Float64
+    T: Float64
+    clipped: Bools
+    noise: float
+    scale_sd: float
 
 
 class FrameViews(NamedTuple):

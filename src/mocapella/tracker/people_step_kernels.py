@@ -1,4 +1,4 @@
-"""A frame of `mocapella.tracker.people` in one compiled call, and the people in another; importing it imports numba.
+"""A frame of `mocapella.tracker.people` in one compiled call, and the results in another; importing it imports numba.
 
 See `mocapella.tracker.people_memory` for the arrays.
 """
@@ -9,6 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.proportions import SD_M
+from mocapella.association.track_kernels import assign_and_take
+from mocapella.association.tracks import UNFINISHED, Assignment, FrameBodies, TrackInputs
 from mocapella.compiled import njit
 from mocapella.fusion.facing import FacingInputs
 from mocapella.fusion.facing_kernels import update as update_facings
@@ -16,7 +19,7 @@ from mocapella.fusion.weighted_mean import FusionParameters
 from mocapella.kinematics.articulated_body import LEAST_REPORTED
 from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.model.observations import JointState
-from mocapella.tracker.people_kernels import make, move_points, observe, pose_people, rigidity_of
+from mocapella.tracker.people_kernels import make, move_points, observe, pose_people, prepare, rigidity_of
 from mocapella.tracker.people_memory import (
     GUESS_SD_M_S,
     MOST_GUESS_SD_M,
@@ -30,6 +33,7 @@ from mocapella.tracker.people_memory import (
     PeopleParameters,
     PointArrays,
     Rows,
+    SensorBodies,
     SkeletonArrays,
     UInt8,
     ViewArrays,
@@ -37,6 +41,61 @@ from mocapella.tracker.people_memory import (
 from mocapella.tracker.people_view_kernels import turn_views
 
 _NOT_TRACKED, _INFERRED, _TRACKED = map(int, (JointState.NOT_TRACKED, JointState.INFERRED, JointState.TRACKED))
+
+
+@njit(cache=True, error_model="numpy")
+def assign_and_step(
+    bodies: SensorBodies,
+    tracks: TrackInputs,
+    now_s: float,
+    parameters: PeopleParameters,
+    fusion: FusionParameters,
+    layout: JointLayout,
+    R_level: Float64,
+    points: PointArrays,
+    views: ViewArrays,
+    skeletons: SkeletonArrays,
+    facing: FacingInputs | None,
+    model: BodyArrays | None,
+    body: Float64,
+    fused: Float64,
+) -> int:
+    """Assign a frame's bodies to tracks, and update the people by them with `step`, which describes the arguments.
+
+    Args:
+        bodies: the frame; its ``rows`` are written unless they are given.
+        tracks: the tracks, one for each of the people, in the same order; updated, unless the rows are given.
+        facing: with the facing filter's row of each of the people.
+
+    Returns:
+        Events of the frame; after one of `mocapella.association.tracks.UNFINISHED`, the people are not updated.
+    """
+    own, rows, T, count = bodies.positions, bodies.rows, bodies.T, len(bodies.ids)
+    middle, people = len(layout.middle), len(points.at_s)
+    events: int = 0
+    world, middles = np.empty(own.shape), np.empty((count, middle, 3))
+    lengths, expected = np.full((count, len(SD_M)), np.nan), np.empty((people, middle, 3))
+    prepare(T, own, layout, now_s, parameters.forget_after_s, points, world, middles, lengths, expected)
+    if not bodies.assigned:
+        frame = FrameBodies(bodies.at_s, bodies.track_column, bodies.ids.view(np.int64), middles, lengths)
+        result = Assignment(
+            np.empty((count, people)), np.empty((count, people), dtype=np.bool_), np.empty(count, dtype=np.bool_), rows
+        )
+        events = assign_and_take(frame, expected, tracks, result)
+        if events & UNFINISHED:
+            return events
+    bias = np.zeros(own.shape)
+    for b in range(len(bodies.corrections)):
+        for j in range(own.shape[1]):
+            x, y, z = bodies.corrections[b, j, 0], bodies.corrections[b, j, 1], bodies.corrections[b, j, 2]
+            for k in range(3):
+                bias[b, j, k] = T[k, 0] * x + T[k, 1] * y + T[k, 2] * z
+    new = FrameViews(
+        rows, bodies.ids, bodies.column, bodies.at_s, world, bodies.states, own, bias, T[:3, 3].copy(), bodies.clipped,
+        bodies.noise, bodies.scale_sd,
+    )  # fmt: skip
+    step(new, now_s, parameters, fusion, layout, R_level, points, views, skeletons, facing, model, body, fused)
+    return events
 
 
 @njit(cache=True, error_model="numpy")
@@ -64,7 +123,8 @@ def step(
         layout: joints with a special role.
         R_level: (3, 3) from the space of the people to one with y up.
         points, views, skeletons: updated.
-        facing: the facing filter, updated; None uses the labels on which the sensors agree.
+        facing: the facing filter, updated, with its row of each of the people; None uses the labels on which the
+            sensors agree.
         model: the articulated body; None leaves the skeletons as the Kalman filter has them.
         body: (people, …) state of the body in a row for each person, updated.
         fused: (bodies, joints, 3) written: fused positions of the persons in the frame [m]; NaN where no view has the
@@ -79,12 +139,12 @@ def step(
         for b in range(len(rows)):
             views.mirrored[rows[b], column] = views.swapped[rows[b], column]
     else:
-        out, mirrored = np.empty((5, len(rows))), np.empty(len(rows), dtype=np.bool_)
+        out, mirrored, slots = np.empty((5, len(rows))), np.empty(len(rows), dtype=np.bool_), facing.slots[rows]
         update_facings(
-            facing.slots, facing.column, level, toward, frame.at_s, velocities, facing.zero, facing.memory,
+            slots, facing.column, level, toward, frame.at_s, velocities, facing.zero, facing.memory,
             facing.model, facing.factors, out,
         )  # fmt: skip
-        exchanged, slots = facing.memory.mirrored, facing.slots
+        exchanged = facing.memory.mirrored
         for b in range(len(rows)):
             mirrored[b] = exchanged[slots[b], facing.column]
         results = FacingResults(level, out[0], out[1], mirrored, out[2], out[4], toward, velocities)
