@@ -22,7 +22,7 @@ from mocapella.tracker.people_memory import (
     ViewArrays,
 )
 from mocapella.tracker.people_step_kernels import note_unsure
-from mocapella.tracker.people_view_kernels import WALKS_COS, to_level, turn_views
+from mocapella.tracker.people_view_kernels import WALKS_COS, to_level, turn_views, upright
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -113,6 +113,29 @@ def test_a_view_unlike_the_training_data_is_not_turned() -> None:
     np.testing.assert_allclose(2 * half.turn, like.turn)
 
 
+@given(st.floats(0.0, np.pi), angles)
+def test_the_more_a_trunk_leans_the_less_the_yaw_of_its_shoulders_counts(lean: float, yaw: float) -> None:
+    trunk = 0.5 * np.array([np.sin(lean) * np.sin(yaw), np.cos(lean), np.sin(lean) * np.cos(yaw)])
+    joints = body(yaw, yaw)
+    joints[1:3] += trunk
+    share = upright(joints, LINES)
+    wanted = np.clip((np.cos(lean) - 0.5) / (WALKS_COS - 0.5), 0.0, 1.0)
+    assert share == pytest.approx(wanted, abs=1e-9)
+    joints[1] = np.nan
+    assert upright(joints, LINES) == 1.0
+
+
+def test_the_shoulders_of_who_bows_are_not_turned() -> None:
+    """A trunk that is not known counts as upright."""
+    bows, stands = View(), View()
+    joints = body(0.5, 0.2)
+    stands.face(joints, 1.0)
+    joints[1:3] += [0.0, 0.1, 0.5]
+    bows.face(joints, 1.0)
+    assert stands.turn.any()
+    assert not bows.turn.any()
+
+
 @pytest.mark.parametrize(("speed", "glides"), [(0.0, True), (0.09, True), (0.5, False)])
 def test_where_labels_change_the_view_goes_on_where_the_person_stands(speed: float, glides: bool) -> None:
     view = View()
@@ -186,7 +209,7 @@ def test_a_person_is_as_rigid_as_the_least_rigid_view_in_use(
 
 def test_the_memory_of_an_older_version_is_taken() -> None:
     memory = People(PeopleSettings(), KINECT_V2).memory.resized([], 2, 3)
-    newer = {"view_rigidity", "view_unlike", "unsure_s", "measured_s"}
+    newer = {"view_rigidity", "unsure_s", "measured_s"}
     older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name not in newer})
     older.check(2, 3, len(KINECT_V2), memory.body.shape[1])
     np.testing.assert_array_equal(older.view_rigidity[..., 0], np.ones((2, 3)))  # 0 would make measurements exact

@@ -60,8 +60,6 @@ against a facing that was known before the posture.
 """
 _LEAST_COS = np.cos(ANGLE_WITHIN)
 _PEAK_COS = np.cos(PEAK_WITHIN)
-_BENT = 4.0
-"""Factor of the unlikeness of a view, up to 1, to say whether the person is bent; bowing trunks are unlike in part."""
 N = len(FEATURES)
 _SPEEDS = np.array(SPEEDS)
 
@@ -73,19 +71,17 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
-def view_worth(yaw: float, toward: float, reported: float, unlike: float) -> float:
+def view_worth(yaw: float, toward: float, reported: float) -> float:
     """Return a view's weight in the fusion, 0 to 1: cos⁴β / (3 − 2 cos α); 0 where an angle is NaN, or β beyond ±90°.
 
     The errors of a Kinect's joints grow as the person turns away. α is the angle between the person's ``yaw`` and the
     yaw ``toward`` the sensor; β is the error of the yaw ``reported`` by the view's corrected labels; all are in one
-    frame [rad]. A sensor that looks along the shoulders of a bent person guesses left and right: the more ``unlike``
-    the training data the view is, from 0 to 1, the more its weight is cos²α · cos⁴β instead.
+    frame [rad].
     """
     off = np.cos(reported - yaw)
     if not (np.isfinite(off) and np.isfinite(toward)):
         return 0.0
-    ahead, bent = np.cos(toward - yaw), min(1.0, _BENT * unlike)
-    worth: float = (bent * ahead * ahead + (1.0 - bent) / (3.0 - 2.0 * ahead)) * max(0.0, off) ** 4
+    worth: float = max(0.0, off) ** 4 / (3.0 - 2.0 * np.cos(toward - yaw))
     return worth
 
 

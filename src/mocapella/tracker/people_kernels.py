@@ -273,7 +273,7 @@ def views_in_use(
     Returns:
         The number of views in use.
     """
-    at_s, toward, reported, unlike, turns = views.at_s, views.toward, views.reported, views.unlike, views.turn
+    at_s, toward, reported, turns = views.at_s, views.toward, views.reported, views.turn
     seen, bias, kept, doubts = views.positions, views.bias, views.offsets, views.variances
     mirrored, states, mirror, line_of = views.mirrored, views.states, layout.mirror, layout.line_of
     apart, offsets, own_variances, there = lanes.apart, lanes.offsets, lanes.variances, lanes.there
@@ -287,8 +287,9 @@ def views_in_use(
         used[count] = c
         value = 1.0
         if np.isfinite(yaw):
-            worth = view_worth(yaw, toward[row, c], reported[row, c], unlike[row, c])
+            worth = view_worth(yaw, toward[row, c], reported[row, c])
             value = max(parameters.least_worth, worth)
+        middle = np.sqrt(value)  # the errors of the body's middle depend less on where the person faces
         grown, is_mirrored = (age_speed * age) ** 2, mirrored[row, c]
         for j in range(joints):
             m = mirror[j] if is_mirrored else j
@@ -298,7 +299,7 @@ def views_in_use(
                 body[j, k] = own + (moved if np.isfinite(moved) else 0.0)
             state = states[row, c, m]
             best[j] = state if count == 0 else max(best[j], state)
-            own_variances[j, count] = (doubts[row, c, m] + grown) / value
+            own_variances[j, count] = (doubts[row, c, m] + grown) / (middle if mirror[j] == j else value)
         turn(body, line_of, root, up, turns[row, c])
         place_view(body, expected, kept, row, c, count, apart, offsets, own_variances, there)
         count += 1

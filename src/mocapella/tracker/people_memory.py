@@ -70,7 +70,6 @@ class ViewArrays(NamedTuple):
             over joints, exponentially averaged [m].
         toward: yaw from the person to the sensor [rad].
         reported: yaw that the view's repaired labels imply [rad].
-        unlike: how unlike the training data of the facing the sensor's views have been lately, 0 to 1.
         turn: (..., 2) correction of the yaw of the shoulders and of the hips [rad].
         offsets: (..., joints, 3) learnt offset, view minus person, with the person's labels [m]; NaN restarts it.
     """
@@ -88,7 +87,6 @@ class ViewArrays(NamedTuple):
     advantage: Float64
     toward: Float64
     reported: Float64
-    unlike: Float64
     turn: Float64
     offsets: Float64
 
@@ -322,7 +320,6 @@ class PeopleMemory:
     view_turn: Float64
     view_offsets: Float64
     view_rigidity: Float64 = field(default_factory=lambda: np.empty(0))
-    view_unlike: Float64 = field(default_factory=lambda: np.empty(0))
     unsure_s: Float64 = field(default_factory=lambda: np.empty(0))
     measured_s: Float64 = field(default_factory=lambda: np.empty(0))
 
@@ -363,7 +360,6 @@ class PeopleMemory:
             view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
             view_rigidity=np.tile((1.0, 0.0), (*V, 1)),
-            view_unlike=np.ones(V),
             unsure_s=np.full(P, np.inf),
             measured_s=np.full((*P, joints), -np.inf),
         )
@@ -371,8 +367,8 @@ class PeopleMemory:
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
         """Check the arrays of a snapshot; replace those of another version by ones without data.
 
-        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``view_unlike``, ``unsure_s``
-        and ``measured_s``, which older ones do not have.
+        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``unsure_s`` and
+        ``measured_s``, which older ones do not have.
 
         The arguments are as in `empty`.
 
@@ -382,7 +378,7 @@ class PeopleMemory:
         empty = PeopleMemory.empty(people, sensors, joints, body)
         if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
             self.body = empty.body
-        for name in ("view_rigidity", "view_unlike", "unsure_s", "measured_s"):
+        for name in ("view_rigidity", "unsure_s", "measured_s"):
             if getattr(self, name).shape == (0,):
                 setattr(self, name, getattr(empty, name))
         for name, wanted in empty.arrays():
@@ -418,7 +414,7 @@ class PeopleMemory:
         return ViewArrays(
             self.view_at, self.view_id, self.view_positions, self.view_states, self.view_variances, self.view_noise,
             self.view_rigidity, self.view_bias, self.view_mirrored, self.view_swapped, self.view_advantage,
-            self.view_toward, self.view_reported, self.view_unlike, self.view_turn, self.view_offsets,
+            self.view_toward, self.view_reported, self.view_turn, self.view_offsets,
         )  # fmt: skip
 
     @cached_property

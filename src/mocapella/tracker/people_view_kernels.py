@@ -29,6 +29,9 @@ Int64 = NDArray[np.int64]
 _LONGEST_STEP_S = 0.2
 WALKS_COS = 0.87
 """Cosine of the largest angle of a walking person's trunk with the vertical (30°)."""
+LEANS_COS = 0.5
+"""Cosine of the angle of the trunk with the vertical from which the shoulders' yaw says nothing of the body's (60°)."""
+_SHORTEST_TRUNK_M2 = 1e-4
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
@@ -216,6 +219,28 @@ def to_level(
 
 
 @njit(cache=True, error_model="numpy")
+def upright(body: Float64, lines: Int64) -> float:
+    """Return 1 for a trunk within 30° of the vertical (`WALKS_COS`), 0 beyond 60° (`LEANS_COS`), linear in its cosine.
+
+    It is 1 where the trunk is not known.
+
+    Args:
+        body: (joints, 3) joints, with y up [m].
+        lines: (2, 2) indices of the left and the right joint of shoulders and hips.
+    """
+    square, rise = 0.0, 0.0
+    for k in range(3):
+        along = body[lines[0, 0], k] + body[lines[0, 1], k] - body[lines[1, 0], k] - body[lines[1, 1], k]
+        square += along * along
+        if k == 1:
+            rise = along
+    if not square > _SHORTEST_TRUNK_M2:  # also for NaN
+        return 1.0
+    share: float = min(1.0, max(0.0, (rise / np.sqrt(square) - LEANS_COS) / (WALKS_COS - LEANS_COS)))
+    return share
+
+
+@njit(cache=True, error_model="numpy")
 def turn_views(
     rows: Int64, column: int, dts: Float64, parameters: PeopleParameters, lines: Int64, facing: FacingResults,
     yaw: Float64, views: ViewArrays,
@@ -224,8 +249,9 @@ def turn_views(
 
     Each of the ``lines`` (lines, 2) of a left and a right joint is turned by its own error, because a sensor's errors
     at shoulders and hips differ. An uncertain facing, above ``sure_sd`` [rad], changes no labels, and turns lines less
-    the more uncertain it is. If the labels change while the person stands, slower than ``still_m_s``, the old labels
-    were wrong: the view's offsets are learnt anew, so that it begins at the person's position.
+    the more uncertain it is; those of a leaning trunk are turned less, too (`upright`). If the labels change while the
+    person stands, slower than ``still_m_s``, the old labels were wrong: the view's offsets are learnt anew, so that it
+    begins at the person's position.
 
     Args:
         rows: (bodies,) row of each body's person.
@@ -242,6 +268,7 @@ def turn_views(
     for b in range(len(rows)):
         r = rows[b]
         sure = min(1.0, max(0.0, 2.0 - facing.sd[b] / sure_sd)) * (1.0 - facing.unlike[b])
+        sure *= upright(facing.bodies[b], lines)
         changed = facing.mirrored[b] != mirrored[r, column]
         if changed and facing.sd[b] <= sure_sd:
             mirrored[r, column] = facing.mirrored[b]
@@ -260,7 +287,6 @@ def turn_views(
             turns[r, column, n] = before - np.expm1(-dts[b] / turn_s) * wrap(off - before)
         yaw[r] = facing.yaw[b]
         views.toward[r, column], views.reported[r, column] = facing.toward[b], own_yaw
-        views.unlike[r, column] = facing.unlike[b]
 
 
 @njit(cache=True, error_model="numpy")
