@@ -38,6 +38,7 @@ class CameraArrays(NamedTuple):
         R_world_camera: (cameras, 3, 3) rotation from the camera to the world.
         origins: (cameras, 3) centres, world [m].
         sizes_px: (cameras, 2) width and height of the image [px].
+        up: (3,) unit vector of the upward direction, world.
     """
 
     lenses: Float64
@@ -45,6 +46,7 @@ class CameraArrays(NamedTuple):
     R_world_camera: Float64
     origins: Float64
     sizes_px: Float64
+    up: Float64
 
 
 class Rays(NamedTuple):
