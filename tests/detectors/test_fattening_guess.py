@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from mocapella.detectors.fattening_guess import CLEARLY, FATTENING_PX, PLAINLY, FatteningGuess
 
@@ -52,10 +53,45 @@ def test_an_arm_that_is_found_in_narrower_images_alone_is_evidence_for_them() ->
     assert guess.px == FATTENING_PX
 
 
-def test_where_the_measured_things_fit_one_comparison_is_enough_only_if_it_is_clear() -> None:
-    assert learnt(FatteningGuess(-1), 0.122, 0.164, 2) == [0, FATTENING_PX]
-    assert learnt(FatteningGuess(-1), 0.107, 0.164) == [FATTENING_PX]
-    assert learnt(FatteningGuess(-1), 0.22, 0.28) == [FATTENING_PX]
+def textured(kind: str) -> np.ndarray:
+    """Return an image (120, 120) of a slanted wall [m], with the texture of a kind of camera."""
+    rng = np.random.default_rng(3)
+    wall = np.tile(0.6 + 0.0005 * np.arange(120), (120, 1))
+    noise = rng.standard_normal(wall.shape)
+    blocks = ndimage.gaussian_filter(noise, 2.0)
+    sd_m = {"smooth": 0.00005, "independent": 0.001, "blocks": 0.0}[kind]
+    return (wall + sd_m * noise + (0.003 * blocks / blocks.std() if kind == "blocks" else 0.0)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("kind", "told"), [("smooth", 0), ("independent", 0), ("blocks", FATTENING_PX)])
+def test_a_texture_that_is_no_stereo_cameras_is_evidence_against_narrower_things(kind: str, told: int) -> None:
+    guess = FatteningGuess(-1)
+    guess.look(textured(kind), 2.0)
+    assert learnt(guess, 0.16, 0.22) == [told]
+    assert learnt(guess, 0.16, 0.3, MANY)[-1] == FATTENING_PX  # fits decide in the end
+
+
+def test_a_texture_that_may_be_a_stereo_cameras_lets_the_better_fit_decide() -> None:
+    guess, unknown = FatteningGuess(-1), FatteningGuess(-1)
+    guess.look(textured("blocks"), 2.0)
+    assert learnt(guess, 0.2, 0.21, 2) == [FATTENING_PX] * 2
+    assert learnt(unknown, 0.2, 0.21, 2) == [0] * 2
+
+
+def test_the_texture_counts_once_and_images_without_surfaces_not_at_all() -> None:
+    once, often = FatteningGuess(-1), FatteningGuess(-1)
+    once.look(textured("smooth"), 2.0)
+    for depth in (np.zeros((120, 120), np.float32), *[textured("smooth")] * 5):
+        often.look(depth, 2.0)
+    assert not often.known
+    assert learnt(once, 0.2, 0.3, 3) == learnt(often, 0.2, 0.3, 3)
+
+
+def test_a_texture_that_says_nothing_is_not_replaced_by_that_of_a_later_image() -> None:
+    guess = FatteningGuess(-1)
+    guess.look(textured("blocks"), 2.0)
+    guess.look(textured("smooth"), 2.0)
+    assert learnt(guess, 0.16, 0.22) == [FATTENING_PX]
 
 
 @pytest.mark.parametrize("narrower", [1.0, 0.3 * CLEARLY + 0.001, 0.3, 0.5])
@@ -115,6 +151,7 @@ def test_arms_are_compared_often_until_the_kind_is_known_and_seldom_then_and_no_
 def test_a_number_that_is_given_is_used_from_the_first_image_on(px: int) -> None:
     guess = FatteningGuess(px)
     assert state(guess) == (px, True)
+    guess.look(textured("smooth"), 2.0)
     assert not guess.learn(0, [0.3], [0.1])
     assert not any(guess.due(k) for k in range(1000))
     assert (guess.corrected(near_wall()) == 0.5).sum() == (10 - 2 * px) ** 2

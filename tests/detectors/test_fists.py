@@ -14,10 +14,10 @@ from mocapella.detectors.arm_following import KinematicArmDetector
 from mocapella.detectors.arm_starts import arm_starts
 from mocapella.detectors.arm_track import CameraArmTrack
 from mocapella.evaluation.arms import matched
-from mocapella.kinematics.arm_fit import ArmPose, Fitted
+from mocapella.kinematics.arm_fit import ArmPose, Fitted, kernels
 from mocapella.model.camera import Camera
 from mocapella.model.hand import TIPS
-from mocapella.sensing.arm_region import PalmCandidate
+from mocapella.sensing.arm_region import PalmCandidate, Region
 
 DETECTOR = KinematicArmDetector(Camera("any", (640, 480), np.array([385.0, 385.0, 320.0, 240.0])))
 FINDER, MODEL = DETECTOR.finder, DETECTOR.models["right"]
@@ -30,7 +30,7 @@ def fit_at(x: float, cost: float = 0.2) -> Found:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "from_image"), [(305, 0), (309, 2), (318, 0)])
+@pytest.mark.parametrize(("seed", "from_image"), [(305, 0), (309, 0), (318, 0), (540, 0)])
 def test_a_fist_is_found_although_the_other_end_of_its_arm_fits_as_well(seed: int, from_image: int) -> None:
     detector = None
     for k, (depth, lens, truth, _) in enumerate(clip(OPENING, seed)):
@@ -58,6 +58,18 @@ def test_fits_that_overlap_by_way_of_others_are_judged_on_the_same_points(monkey
     assert sorted(judged_on) == [one, 3 * one]
 
 
+def test_the_own_cost_of_a_fit_counts_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    hand, other = fit_at(0.0, 0.10), fit_at(0.05, 0.20)
+    around = {id(hand): 0.30, id(other): 0.15}
+    part = Region(np.zeros((50, 3)), np.zeros((4, 4)), np.zeros((4, 4), np.int64), np.ones(4))
+    monkeypatch.setattr(ArmFinder, "region", lambda *_: part)
+    monkeypatch.setattr(ArmFinder, "_around_cost", lambda _, one, *__: around[id(one)])
+    depth = np.zeros((480, 640), np.float32)
+    assert FINDER.judged(depth, [other, hand]) == [hand, other]
+    around[id(hand)] = 0.36
+    assert FINDER.judged(depth, [hand, other]) == [other, hand]
+
+
 def test_of_fits_that_overlap_the_best_remains() -> None:
     a, b, c = fit_at(0.0), fit_at(0.075), fit_at(0.15)
     assert FINDER.alone([a, b, c]) == [a, c]
@@ -71,6 +83,31 @@ def test_a_fist_is_tried_although_ends_of_branches_are_seen() -> None:
         np.array([0.0, 0.0, 0.5]), 0.035, np.array([0.0, 0.0, -1.0]), down, tips, np.zeros((0, 5))
     )
     assert any(targets is None for _, targets in arm_starts(MODEL, candidate))
+
+
+@pytest.mark.parametrize("ends", [0, 2])
+def test_a_fist_whose_palm_faces_the_camera_is_also_started_behind_its_fingers(ends: int) -> None:
+    tips = np.array([[0.0, -0.09, 0.5], [0.02, -0.09, 0.5]])[:ends]
+    candidate = PalmCandidate(
+        np.array([0.0, 0.0, 0.5]), 0.035, np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]), tips, np.zeros((0, 5))
+    )
+    starts = [pose for pose, targets in arm_starts(MODEL, candidate) if targets is None]
+    back_z = np.array([pose.R.reshape(3, 3)[2, 1] for pose in starts])
+    depth_m = np.array([pose.t[2] for pose in starts]) - 0.5
+    assert (back_z > 0.9).any()
+    assert (depth_m[back_z > 0.9] > 0.04).any()  # the back points away from the camera
+    assert (depth_m[back_z > 0.9] < 0.02).any()
+    assert (depth_m[back_z < -0.9] < 0.02).all()
+
+
+@pytest.mark.slow
+def test_a_fist_whose_palm_faces_the_camera_is_found_in_the_first_image() -> None:
+    depth, lens, truth, _ = next(clip(OPENING, 429))
+    height, width = depth.shape
+    arm = matched(truth, KinematicArmDetector(Camera("fist", (width, height), lens)).update(depth, 0.0))
+    assert arm is not None
+    off_m = np.linalg.norm(arm.points[[*TIPS]] - truth.points[[*TIPS]], axis=1)
+    assert off_m.max() < 0.03
 
 
 @given(st.lists(st.floats(-0.01, 0.02), min_size=1, max_size=20))
@@ -96,3 +133,23 @@ def test_a_fingertip_counts_if_it_was_visible_shortly_before_and_other_landmarks
     np.testing.assert_array_equal(arm.confirmed(hidden), hidden)
     np.testing.assert_array_equal(arm.confirmed(seen), seen)  # hidden in one image only
     np.testing.assert_array_equal(CameraArmTrack("right", MODEL, fit_at(0.0).fitted, 0.0, 1).confirmed(seen), seen)
+
+
+@pytest.mark.parametrize(("cost", "replaced"), [(0.1, True), (0.25, False)])
+def test_a_reported_arm_is_not_replaced_by_one_that_could_not_be_reported(
+    monkeypatch: pytest.MonkeyPatch, cost: float, replaced: bool
+) -> None:
+    def track(cost: float) -> CameraArmTrack:
+        costs = np.zeros(7)
+        costs[0] = cost / kernels().COSTS[0]
+        arm = CameraArmTrack("right", MODEL, fit_at(0.0).fitted._replace(costs=costs), 0.0, 1)
+        assert arm.fitted.cost == pytest.approx(cost)
+        return arm
+
+    detector = KinematicArmDetector(DETECTOR.camera)
+    reported, other = track(0.05), track(cost)
+    reported.believed = True
+    detector._arms = [reported]
+    monkeypatch.setattr(ArmFinder, "judged", lambda _, depth, found: found)  # the new one is the better one
+    detector._admit(other, np.zeros((480, 640), np.float32))
+    assert detector._arms == [other if replaced else reported]

@@ -8,14 +8,14 @@ cost are rejected, and of fits that overlap only the best is kept (non-maximum s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.detectors.arm_starts import arm_starts
+from mocapella.detectors.arm_starts import arm_starts, fists_behind_fingers
 from mocapella.detectors.branch_ends import branch_ends, missed, reached, reaching, shown_ends, unexplained
 from mocapella.kinematics.arm_fit import ArmEvidence, ArmModel, ArmPose, Fitted
 from mocapella.model.arms import ELBOW, PALM
@@ -34,6 +34,8 @@ from mocapella.steps import Steps
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Tips = Float64 | None
+"""Target positions of fingertips (5, 3) [m]; None for none."""
 Bool = NDArray[np.bool_]
 
 FEW_POINTS: Final = 40
@@ -230,8 +232,9 @@ class ArmFinder:
     def judged(self, depth: Float32, found: list[Found]) -> list[Found]:
         """Rank fits, the best first, by the sum of two costs, so that a fit must explain its rivals' points as well.
 
-        One is the fit's own cost. The other is the cost after refitting it to all points of the `region` around it and
-        its rivals: the fits that `overlap` it, those that overlap these, and so on.
+        One is the fit's own cost, which counts twice: the points around may be those of an upper arm, which the model
+        describes less exactly than a hand. The other is the cost after refitting it to all points of the `region`
+        around it and its rivals: the fits that `overlap` it, those that overlap these, and so on.
 
         Args:
             depth: (height, width) [m].
@@ -248,7 +251,7 @@ class ArmFinder:
             points = np.ascontiguousarray(part.points)
             evidence = ArmEvidence(points, np.ones(len(points)), part.front, part.opposite, part.lens)
             rivals = [found[k] for k in group]
-            judged += [(self._around_cost(found[k], rivals, evidence) + found[k].rank, k) for k in group]
+            judged += [(self._around_cost(found[k], rivals, evidence) + _OWN * found[k].rank, k) for k in group]
         return [found[k] for _, k in sorted(judged)]
 
     def _overlapping(self, found: list[Found]) -> list[list[int]]:
@@ -280,7 +283,7 @@ class ArmFinder:
         """Fit arms of both sides at a palm candidate, in steps; return the best fit of each side, right before left.
 
         Fits with a rank above ``believe`` are left out; the result may be empty. All initial poses get few iterations,
-        the better ones get more.
+        the better ones get more. Where no usual start fits well, fists are tried behind the surface of their fingers.
 
         Args:
             depth: (height, width) [m].
@@ -294,14 +297,43 @@ class ArmFinder:
         points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // _POINTS), 1)])
         weights = np.where(np.linalg.norm(points - candidate.centre, axis=1) < _ABOUT_M, 1.0, 0.4)
         evidence = ArmEvidence(points, weights, part.front, part.opposite, part.lens)
-        pool: list[tuple[Found, Float64 | None]] = []
-        for side, model in self.models.items():
-            for start, tips in arm_starts(model, candidate):
-                fitted = model.fit(
-                    start, model.unexpected(start, usual=True), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
-                )
-                pool.append((Found(fitted.cost, side, fitted), tips))
-                yield _work(evidence, 4)
+        usual = [(side, *start) for side, model in self.models.items() for start in arm_starts(model, candidate)]
+        pool = yield from self._fitted(depth, part, evidence, usual)
+        if not pool or min(one.cost for one, _ in pool) > _WELL:
+            fists = [
+                (side, start, None)
+                for side, model in self.models.items()
+                for start in fists_behind_fingers(model, candidate)
+            ]
+            pool += yield from self._fitted(depth, part, evidence, fists)
+        best = []
+        for one, _ in _of_each_side(pool, 1):
+            if one.cost < _HOPELESS:
+                best.append((yield from self._repaired(depth, one, depth if whole is None else whole)))
+        return [one for one in best if one.rank <= self.believe]
+
+    def _fitted(
+        self, depth: Float32, part: Region, evidence: ArmEvidence, starts: Sequence[tuple[Handedness, ArmPose, Tips]]
+    ) -> Steps[list[tuple[Found, Tips]]]:
+        """Fit arms from start poses, and the better ones again, in steps.
+
+        Args:
+            depth: (height, width) [m].
+            part: the region of the palm.
+            evidence: the points of it that the first fits take.
+            starts: sides, poses, and target positions of fingertips, (5, 3) or None [m].
+
+        Returns:
+            The best fits of each side, and their targets.
+        """
+        pool: list[tuple[Found, Tips]] = []
+        for side, start, tips in starts:
+            model = self.models[side]
+            fitted = model.fit(
+                start, model.unexpected(start, usual=True), evidence, iterations=4, loose=3.0, tips=tips, keep=1.0
+            )
+            pool.append((Found(fitted.cost, side, fitted), tips))
+            yield _work(evidence, 4)
         for most, count, iterations, loose in _ROUNDS:
             better = []
             for one, tips in _of_each_side(pool, most):
@@ -318,11 +350,7 @@ class ArmFinder:
                 better.append((Found(fitted.cost, side, fitted), tips))
                 yield _work(evidence, iterations) + (_REGION if count > 250 else 0)
             pool = better
-        best = []
-        for one, _ in _of_each_side(pool, 1):
-            if one.cost < _HOPELESS:
-                best.append((yield from self._repaired(depth, one, depth if whole is None else whole)))
-        return [one for one in best if one.rank <= self.believe]
+        return pool
 
     def _held_otherwise(self, depth: Float32, model: ArmModel, fitted: Fitted) -> Steps[Fitted]:
         """Improve a fit by other postures of single digits, or by exchanging fingers."""
@@ -546,9 +574,13 @@ _TO_END: Final = 8
 """Iterations of a fit that brings a digit to the end of a branch."""
 _ROUNDS: Final = ((5, 250, 8, 2.0), (2, 400, 8, 1.5))
 """Of each round: fits kept per side, points, iterations, and factor of the robust scales in the first iteration."""
-_AROUND: Final = 6
+_AROUND: Final = 12
 """Iterations to place the upper arm."""
+_OWN: Final = 2.0
+"""Weight of a fit's own cost beside that of all points around it and its rivals."""
 _HOPELESS: Final = 0.4
+_WELL: Final = 0.1
+"""Cost of a fit above which fists behind their fingers are tried."""
 _FEW_OF_HAND: Final = 10
 """Least number of a hand's points."""
 _FLAT_M: Final = 0.002

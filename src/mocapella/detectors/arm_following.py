@@ -95,6 +95,7 @@ class KinematicArmDetector:
                 f"camera {self.camera.name} has {width} × {height} px"
             )
         whole = self._without_mixed_pixels(np.ascontiguousarray(depth, dtype=np.float32))
+        self._fattening.look(whole, self.settings.region.far_m)
         depth = self._fattening.corrected(whole)
         self._before = []
         if self._at_s is not None and at_s - self._at_s > self.settings.independent_s:
@@ -138,10 +139,14 @@ class KinematicArmDetector:
 
     def _believed(self) -> list[CameraArmTrack]:
         """Return the arms that have fitted well at least once."""
-        most = self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
         for arm in self._arms:
-            arm.believed = arm.believed or self.finder.shown_cost(arm.fitted, arm.region) < most
+            arm.believed = arm.believed or self._fits(arm)
         return [arm for arm in self._arms if arm.believed]
+
+    def _fits(self, arm: CameraArmTrack) -> bool:
+        """Return whether an arm's fit is good enough to be reported for the first time."""
+        most = self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
+        return self.finder.shown_cost(arm.fitted, arm.region) < most
 
     def _compare(self, whole: Float32) -> None:
         """Compare arms' fits with those to the image of a camera of the other kind, from time to time.
@@ -430,9 +435,14 @@ class KinematicArmDetector:
         return measured, [one.cost for one in same]
 
     def _admit(self, arm: CameraArmTrack, depth: Float32) -> None:
-        """Track a further arm from now on, unless a tracked one explains its points better."""
+        """Track a further arm from now on, unless a tracked one explains its points better.
+
+        A reported arm that still fits is not replaced by one that could not be reported.
+        """
         one = Found(arm.fitted.cost, arm.side, arm.fitted)
         rivals = [other for other in self._arms if self.finder.overlap(Found(0.0, other.side, other.fitted), one)]
+        if not self._fits(arm) and any(other.believed and self._fits(other) for other in rivals):
+            return
         if rivals:  # the same arm, fitted from its other end
             kept = [
                 Found(0.0 if other.firm >= _FIRM_AFTER else other.fitted.cost, other.side, other.fitted)

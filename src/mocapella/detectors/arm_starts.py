@@ -16,6 +16,19 @@ from mocapella.sensing.arm_region import PalmCandidate
 Float64 = NDArray[np.float64]
 
 
+def fists_behind_fingers(model: ArmModel, candidate: PalmCandidate) -> Iterator[ArmPose]:
+    """Yield fists whose palm faces the camera, behind the candidate: the surface of such a palm is that of its fingers.
+
+    There are none if more than one fingertip is seen.
+    """
+    if len(candidate.tips) < 2:
+        for start, tips in arm_starts(model, candidate):
+            R = start.R.reshape(3, 3)
+            away = float(R[:, 1] @ candidate.centre) / float(np.linalg.norm(candidate.centre))
+            if tips is None and away > 0.5:  # y points to the back of the hand
+                yield start._replace(t=start.t + _FINGERS_M * R[:, 1])
+
+
 def arm_starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose, Float64 | None]]:
     """Yield poses to start fits from, and target positions of fingertips.
 
@@ -97,6 +110,8 @@ _OPEN: Final = ((0, 0, 10), *[(5, 0, 8)] * 4)
 _BENT: Final = ((0, 0, 40), *[(70, 0, 85)] * 4)
 _HOLDING: Final = ((10, -15, 40), *[(45, 0, 60)] * 4)
 """Flexion, abduction and second flexion of thumb to little finger [degrees]."""
+_FINGERS_M: Final = 0.035
+"""Distance from a palm to the surface of the fingers that are bent in front of it [m]."""
 _SHIFTS_M: Final = (-0.03, 0.0, 0.03)
 _FIST_SHIFTS_M: Final = (0.0, 0.04)
 """Offsets of initial poses along the hand [m]: without visible fingers its centre is less certain. The middle of a fist

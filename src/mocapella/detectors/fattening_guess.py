@@ -1,6 +1,8 @@
 """Find out from the arms whether a camera makes near things wider, as stereo cameras do.
 
-Fits to the image and to one with narrower things are compared: see `mocapella.sensing.fattening`.
+Fits to the image and to one with narrower things are compared: see `mocapella.sensing.fattening`. The texture of the
+surfaces is evidence before the first fit, where it rules out the matching of blocks: see
+`mocapella.sensing.depth_texture`.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.sensing.depth_texture import texture
 from mocapella.sensing.fattening import without_fattening
 
 Float32 = NDArray[np.float32]
@@ -20,18 +23,22 @@ Float32 = NDArray[np.float32]
 FATTENING_PX: Final = 3
 """How much wider things are in images of cameras that match blocks [px]."""
 CLEARLY: Final = 0.85
-"""Ratio of costs below which narrower things fit clearly better."""
+"""Ratio of costs below which narrower things fit clearly better; 1 where the texture may be a stereo camera's."""
 PLAINLY: Final = 0.155
 """Cost below which a fit to the measured things is evidence that they are not wider, however low the other cost."""
 _AGAINST: Final = 0.1
-_FITS: Final = 0.19
-"""Cost above which a fit to the measured things tells nothing for them: any evidence for narrower ones counts."""
-_FOR: Final = 0.2
-"""Evidence that is needed for narrower things where the measured ones fit: one wrong posture may fit them better."""
 _ENOUGH: Final = 0.8
 """Evidence at which the kind is known."""
 MOST_EVIDENCE: Final = 1.0
 """Evidence is kept within this, so that it can be taken back."""
+_TEXTURE: Final = 0.6
+"""Evidence against narrower things where the texture is no stereo camera's."""
+SMOOTH_PER_M: Final = 0.00047
+"""Roughness of the inverse depth below which surfaces are smoother than a stereo camera's [1/m]: rounding to 1/32 px
+alone leaves so much before the smallest usual one, with a focal length of 385 px and a baseline of 0.05 m."""
+COARSE_M: Final = 0.0006
+"""Roughness above which errors that are independent from pixel to pixel (`Texture.alike` below 0) are no stereo
+camera's [m]: neighbouring pixels are of the same block."""
 _NO_FIT: Final = 1.0
 _LEAST: Final = 1e-3
 _LAST: Final = 3
@@ -57,9 +64,9 @@ class FatteningGuess:
 
     def __init__(self, px: int) -> None:
         self.px, self._given = max(px, 0), px >= 0
-        self._evidence = 0.0
+        self._evidence, self._clearly = 0.0, CLEARLY
         self._costs: deque[tuple[float, float]] = deque(maxlen=_LAST)
-        self._image = -1
+        self._image, self._looked = -1, False
 
     @property
     def known(self) -> bool:
@@ -84,6 +91,24 @@ class FatteningGuess:
         every = _SELDOM if self.known else 1 if urgent else _OFTEN
         return not self._given and image != self._image and image % every == 0
 
+    def look(self, depth: Float32, far_m: float) -> None:
+        """Note what the texture of the first image with enough surfaces says.
+
+        Args:
+            depth: (height, width) measured image [m].
+            far_m: surfaces that are not nearer are left out [m].
+        """
+        if self._given or self._looked:
+            return
+        found = texture(depth, far_m=far_m)
+        if found is None:
+            return
+        self._looked = True
+        if found.rough_per_m < SMOOTH_PER_M or (found.rough_m > COARSE_M and found.alike < 0):
+            self._evidence = max(self._evidence - _TEXTURE, -MOST_EVIDENCE)
+        elif found.alike > 0:
+            self._clearly = 1.0
+
     def learn(self, image: int, costs: Sequence[float], otherwise: Sequence[float]) -> bool:
         """Compare fits' costs, 0 to 1, in an image `corrected`, and in the same one `otherwise`.
 
@@ -102,10 +127,9 @@ class FatteningGuess:
         self._image = image
         self._costs.append((narrower, measured))
         narrower, measured = np.min(self._costs, axis=0)
-        evidence = math.log(CLEARLY * max(measured, _LEAST) / max(narrower, _LEAST))
+        evidence = math.log(self._clearly * max(measured, _LEAST) / max(narrower, _LEAST))
         if measured < PLAINLY:
             evidence = min(evidence, -_AGAINST)
         self._evidence = float(np.clip(self._evidence + evidence, -MOST_EVIDENCE, MOST_EVIDENCE))
-        needed = 0.0 if self.px or measured >= _FITS else _FOR
-        before, self.px = self.px, FATTENING_PX if self._evidence > needed else 0
+        before, self.px = self.px, FATTENING_PX if self._evidence > 0 else 0
         return self.px != before
