@@ -399,9 +399,9 @@ def test_a_limb_exactly_at_a_threshold_is_not_looked_for_and_one_beyond_both_is(
     assert (rng.random() != np.random.default_rng(0).random()) is looks
 
 
-def test_limbs_end_freely_and_their_last_parts_are_limbs_too() -> None:
+def test_limbs_end_freely_and_their_lower_parts_are_limbs_too() -> None:
     assert sorted(LIMBS) == sorted(
-        f"{side} {part}" for side in ("left", "right") for part in ("upper arm", "forearm", "thigh", "foot")
+        f"{side} {part}" for side in ("left", "right") for part in ("upper arm", "forearm", "thigh", "shank", "foot")
     )
     for limb in LIMBS.values():
         parts = np.unique(MESH.tree.joint_parts[limb.joints])

@@ -9,7 +9,9 @@ import pytest
 from support.silhouette_room import FRAME_NS, Room, bent, looking, ring
 
 from mocapella.errors import SettingsError
+from mocapella.evaluation.silhouette_runs import measured_body, rough_joints
 from mocapella.geometry.twists import log_motion
+from mocapella.kinematics.landmark_pose import pose_of
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
@@ -547,6 +549,24 @@ def test_legs_that_the_only_camera_does_not_show_stay_where_they_are(held, monke
 def test_legs_are_not_fitted_to_a_chair_that_came_after_the_room_was_learnt():
     assert _seated_error_m(there=True) < 0.05
     assert _seated_error_m(there=False) > 0.1, "the fault that the test must show"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("near", [True, False])
+def test_ankles_that_a_start_knows_do_not_go_to_the_legs_of_a_desk(near, monkeypatch):
+    if not near:  # the fault that the test must show
+        monkeypatch.setattr(SilhouetteCamera, "wide", property(lambda _: True, lambda *_: None), raising=False)
+    scene = silhouette_scene("shifts", seed=922, size_px=(644, 486), fps=25, seconds=1.2, surroundings="desk")
+    names, joints = list(scene.rig.cameras), rough_joints(scene, 0.01)
+    mesh = measured_body(scene, joints)
+    tracker = BodyFitter(mesh, scene.rig)
+    tracker.start(pose_of(mesh, joints), -40_000_000, there=True)
+    for k in range(3):
+        tracker.learn_background(dict(zip(names, scene.background(k), strict=True)))
+    found = tracker.update(dict(zip(names, scene.images(0), strict=True)), 0)
+    error = np.linalg.norm(found.landmarks - scene.landmarks(0), axis=1)
+    worst = max(error[k] for k, name in enumerate(mesh.landmarks) if name.endswith("ankle"))
+    assert worst < 0.04 if near else worst > 0.06
 
 
 def test_no_image_is_left_out_without_rejection() -> None:

@@ -10,7 +10,7 @@ from mocapella.kinematics.limb_search import Evidence, LimbSearchSettings
 from mocapella.kinematics.silhouette_fit import eye, seen_at, within
 from mocapella.model.rigged_mesh import landmarks_at
 from mocapella.model.twist_tree import TreePose
-from mocapella.tracker.limb_recovery import EVERY_LIMB, LimbRecovery
+from mocapella.tracker.limb_recovery import EVERY_LIMB, OTHERS_M, LimbRecovery, _apart
 from mocapella.tracker.silhouette_body import SilhouetteBody
 
 MESH = somebody()
@@ -167,7 +167,7 @@ def test_a_limb_of_which_images_have_evidence_is_not_lost_by_what_else_is_unexpl
 def test_of_two_orders_of_search_the_better_arrangement_counts(monkeypatch, first_is_better):
     strays, ways = LimbRecovery(BODY, LimbSearchSettings()), []
 
-    def searched(order, *_):
+    def searched(order, *_, **_apart):
         ways.append([limb.name for limb in order])
         pose = raised() if (len(ways) % 2 == 1) == first_is_better else SAID
         return pose, [limb.joints for limb in order]
@@ -187,9 +187,45 @@ def test_limbs_take_turns_and_no_part_of_one_has_its_own():
     every = {limb.name: set(limb.part) for limb in strays._limbs}
     turns = [name for frame in range(EVERY_LIMB * 8) for name in strays._due(frame)]
     assert len(turns) == 8
-    assert set(turns) == {name for name, parts in every.items() if len(parts) > 1}
+    assert set(turns) == {name for name, parts in every.items() if not any(parts < more for more in every.values())}
     assert len(set(turns)) == 4 < len(every)
     assert turns[:4] == turns[4:]
+
+
+def bent_knee(degrees=70.0):
+    """The left knee is bent, which is said to be straight."""
+    angles = SAID.angles.copy()
+    angles[MESH.joint_names.index("left knee flexion")] = np.radians(degrees)
+    return TreePose(SAID.T_world_model, angles)
+
+
+def test_a_shank_that_images_show_elsewhere_is_found_with_the_thigh_where_it_is():
+    found = found_in([masks(bent_knee())] * 2)
+    assert found is not None
+    ankle = list(MESH.landmarks).index("left ankle")
+    true = landmarks_at(MESH, bent_knee())[ankle]
+    missed = [np.linalg.norm(landmarks_at(MESH, pose)[ankle] - true) for pose in (found.pose, SAID)]
+    assert missed[0] < 0.3 * missed[1]
+
+
+def test_nothing_near_other_people_is_evidence_of_a_lower_limb():
+    by = eye(RIG.cameras[next(iter(RIG.cameras))])
+    width, height = by.size_px
+    vertices = BODY.standing(SAID).vertices
+    one = Evidence(by, (30, 12), STEP_PX, np.ones((60, 50), np.float32))
+    others = np.zeros((height, width), np.bool_)
+    assert _apart(one, None, vertices) is one
+    assert _apart(one, others, vertices) is one
+    others[60:90, 90:120] = True
+    left = _apart(one, others, vertices)
+    (x, y), (rows, columns) = one.origin_px, np.indices(one.strange.shape)
+    across, down = x + STEP_PX * columns, y + STEP_PX * rows
+    away_px = np.hypot(np.maximum(90 - across, across - 119).clip(0), np.maximum(60 - down, down - 89).clip(0))
+    away_m = float(np.median(vertices @ by.T_camera_world[2, :3] + by.T_camera_world[2, 3]))
+    margin_px = OTHERS_M * by.lens[0] / away_m
+    assert (left.strange[away_px < margin_px - STEP_PX] == 0).all()
+    assert (left.strange[away_px > margin_px + 2 * STEP_PX] == 1).all()
+    assert (one.strange == 1).all()
 
 
 def test_of_who_leaves_the_images_no_limb_is_looked_for():

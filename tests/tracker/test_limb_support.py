@@ -12,6 +12,7 @@ from mocapella.geometry.signed_distance import signed_distance
 from mocapella.kinematics.silhouette_fit import eye, figure, see
 from mocapella.model.rigged_mesh import landmarks_at, posed
 from mocapella.tracker.limb_support import (
+    DISTINCT,
     LASTS_S,
     LEAST_NATS,
     LimbSupport,
@@ -94,6 +95,24 @@ def test_edges_of_the_room_support_nothing():
     of_room = changed(evidence(), room=of_left_leg)
     assert lacking(of_room) == LEFT_LEG
     assert lacking(of_room, shown=True) == set()
+
+
+def of_left_arm(outline):
+    names = ("left upper arm", "left forearm")
+    return np.isin(outline.part, [ROOM.mesh.part_names.index(name) for name in names])
+
+
+def test_an_arm_is_supported_only_if_its_outline_is_distinct_and_a_leg_without_that():
+    arm = {name for name in MARKS if name.startswith("left") and name.split()[1] in {"elbow", "wrist"}}
+    for excess, doubted in ((DISTINCT - 0.01, True), (DISTINCT + 0.01, False)):
+        some = changed(evidence(), excess=lambda outline, at=excess: np.where(of_left_arm(outline), at, 1.0))
+        assert (arm <= lacking(some)) is doubted
+        assert lacking(some, shown=True) == set()
+    of_legs = changed(evidence(), excess=lambda outline: np.where(of_left_leg(outline), -1.0, np.nan))
+    assert lacking(of_legs) == set(), "where nothing is measured, nothing is doubted"
+    assert {ROOM.mesh.part_names[part] for part in np.flatnonzero(LimbSupport(ROOM.mesh).arms)} == {
+        f"{side} {part}" for side in ("left", "right") for part in ("upper arm", "forearm")
+    }
 
 
 def test_an_edge_that_crosses_the_outline_does_not_support_it():

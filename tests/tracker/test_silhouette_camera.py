@@ -19,6 +19,7 @@ from mocapella.sensing.background_memory import BackgroundMemory, MemorySettings
 from mocapella.sensing.region_contour import RegionSettings
 from mocapella.tracker import silhouette_camera
 from mocapella.tracker.body_fitter import BodyFitter
+from mocapella.tracker.limb_support import DISTINCT, LimbSupport
 from mocapella.tracker.silhouette_camera import EVERY, Ball, SilhouetteCamera
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
@@ -188,3 +189,29 @@ def test_foreground_is_scored_anew_once_the_background_has_changed() -> None:
     assert not camera._scores(image).any()  # nothing is known any more
     camera.recall(memory)
     assert np.array_equal(camera._scores(image), known)
+
+
+@pytest.mark.parametrize(
+    ("focal", "background", "known", "measured"),
+    [(600.0, True, True, True), (150.0, True, True, False), (600.0, True, False, False), (600.0, False, False, False)],
+)
+def test_edges_of_arms_are_compared_in_fine_pictures_of_known_rooms(
+    focal: float, background: bool, known: bool, measured: bool
+) -> None:
+    room = Room(rig=ring(1, size=(640, 480), focal=focal))
+    ((name, placed),) = room.rig.cameras.items()
+    settings = SilhouetteSettings(background=MemorySettings() if background else None)
+    camera, image = SilhouetteCamera(eye(placed), 1, settings), room.images(POSE)[name]
+    if camera.background is not None and known:
+        camera.background.update(room.walls()[name], None)
+    assert camera.look(figure(room.mesh), posed(room.mesh, POSE), settings)
+    camera.segment(image, None, near=True)
+    arms = LimbSupport(room.mesh).arms
+    found = camera.support(None, arms)
+    assert found.excess is not None
+    these = np.isfinite(found.excess)
+    assert these.any() == measured
+    assert arms[found.outline.part[these]].all()
+    assert camera.support(None).excess is None
+    if measured:
+        assert found.excess[these].mean() > DISTINCT

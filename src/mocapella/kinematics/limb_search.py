@@ -127,9 +127,11 @@ class Limb(msgspec.Struct, frozen=True, eq=False):
 
 
 def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Limb, ...]:
-    """Return the limbs of two parts or more, and the last part of each, such as a foot, as a limb of its own.
+    """Return the limbs of two parts or more, and their lower parts: each without its first part, and its last part.
 
-    The last part is searched alone, too, because a misplaced foot hardly changes the score of the whole leg.
+    The last part, such as a foot, is searched alone, too, because when misplaced it hardly changes the score of the
+    whole leg. So is the limb without its first part, such as a shank with its foot: a knee that bends fast leaves the
+    thigh right, and few of the poses of a whole leg that are drawn leave the thigh where it is.
 
     Args:
         mesh: the body's mesh and its tree.
@@ -141,7 +143,8 @@ def limbs(mesh: RiggedMesh, settings: LimbSearchSettings = DEFAULT) -> tuple[Lim
         others = np.setdiff1d(np.arange(len(parents)), parts)
         if len(parts) < 2 or np.isin(parents[others], parts).any():
             continue
-        found += [_limb(mesh, solid, some, settings.points) for some in (parts, parts[-1:])]
+        lower = (parts, parts[1:], parts[-1:]) if len(parts) > 2 else (parts, parts[-1:])
+        found += [_limb(mesh, solid, some, settings.points) for some in lower]
     return tuple(limb for limb in found if len(limb.vertices) and len(limb.joints))
 
 

@@ -39,7 +39,7 @@ from mocapella.tracker.limb_recovery import LimbRecovery, with_angles
 from mocapella.tracker.limb_stillness import HeldPoints, LimbStillness
 from mocapella.tracker.limb_support import LimbSupport, OutlineEvidence
 from mocapella.tracker.silhouette_body import SilhouetteBody, Standing
-from mocapella.tracker.silhouette_camera import USUAL_STEP_PX, SeenIn, SilhouetteCamera
+from mocapella.tracker.silhouette_camera import COARSE_M, USUAL_STEP_PX, SeenIn, SilhouetteCamera
 from mocapella.tracker.silhouette_keypoints import BodyKeypoints
 from mocapella.tracker.silhouette_settings import SilhouetteSettings, Steadiness
 from mocapella.tracker.surface_prior import SurfacePrior
@@ -240,7 +240,7 @@ class BodyFitter:
         s = self.settings
         expected = pose = self.expected(time_ns)
         first = len(self._past) == 1
-        wide = first or self._missed
+        wide = self._missed or (first and not self._known_at_start(self.body.standing(expected).vertices))
         rejects = s.rejection != "none"
         left_out = self._dead.update(images) if rejects else {}
         images = {name: without_speckles(image) for name, image in images.items()}
@@ -398,6 +398,20 @@ class BodyFitter:
         by_keypoints = self._keypoints.supported_parts(self.body.standing(pose).landmarks)
         return (self._stillness.as_started & ~self._hidden_parts) | by_keypoints
 
+    def _known_at_start(self, vertices: Float64) -> bool:
+        """Return whether the person is certainly where the start says, in fine pictures of a room that is known.
+
+        Then outlines farther away from the start's body are those of things that came later, not of limbs.
+
+        Args:
+            vertices: (n, 3) of the start's body, world [m].
+        """
+        middle, finest_m = vertices.mean(axis=0), np.inf
+        for camera in self._cameras.values():
+            if camera.background is not None and camera.background.known.any():
+                finest_m = min(finest_m, camera.sample_at_m(middle))
+        return self._there and finest_m <= COARSE_M
+
     def _fitted_as_started(
         self,
         images: Mapping[str, UInt8],
@@ -441,7 +455,7 @@ class BodyFitter:
         ``people`` are the masks (height, width) of other people, by camera.
         """
         return {
-            name: camera.support(people.get(name))
+            name: camera.support(people.get(name), self._support.arms)
             for name, camera in self._segmented().items()
             if camera.look(self.body.figure, stands.vertices, self.settings)
         }

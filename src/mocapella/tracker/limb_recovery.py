@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.geometry.signed_distance import MOST_REACH, signed_distance
 from mocapella.kinematics.contact import depth_m
 from mocapella.kinematics.limb_search import (
     TOUCHING_M,
@@ -52,6 +53,10 @@ LOOSE = 1e-3
 STRETCHED = 1.1
 """Reach of a limb from its root, as a factor of its length at rest."""
 
+OTHERS_M = 0.15
+"""Margin about other people's expected pixels in which nothing is evidence of a lower limb: a limb of theirs that moves
+fast is beside them, and a shank is small enough to be placed there [m]."""
+
 
 class FoundLimbs(msgspec.Struct, frozen=True, eq=False):
     """Limbs that were found elsewhere than the fit had placed them.
@@ -81,6 +86,7 @@ class LimbRecovery:
         self._limbs = limbs(body.mesh, settings)
         parts = {limb.name: set(limb.part.tolist()) for limb in self._limbs}
         self._whole = [name for name, some in parts.items() if not any(some < more for more in parts.values())]
+        self._lower = {name for name in parts if name not in self._whole and len(parts[name]) > 1}
         whole = [limb for limb in self._limbs if limb.name in self._whole]
         self._hung = tuple(_hung(body.mesh, limb) for limb in whole)
         self._sizes_m2 = [_silhouette_m2(body.mesh, limb) for limb in whole]
@@ -90,7 +96,7 @@ class LimbRecovery:
 
     def reset(self) -> None:
         """Forget the suspect limbs and the evidence."""
-        self._rng = np.random.default_rng(0)
+        self._rng, self._rng_of_lower = np.random.default_rng(0), np.random.default_rng(1)
         self._frame = 0
         self._asked: set[str] = set()
         self._evidence: dict[str, Evidence] = {}
@@ -98,13 +104,13 @@ class LimbRecovery:
     def memory(self) -> list[Any]:
         """Return all state, for `recall` and a tracker's snapshot; its mutable values are shared, not copied."""
         # The generator's integers exceed the range of most formats.
-        chance = json.dumps(self._rng.bit_generator.state)
+        chance = [json.dumps(rng.bit_generator.state) for rng in (self._rng, self._rng_of_lower)]
         return [chance, self._frame, self._asked, self._evidence]
 
     def recall(self, memory: Sequence[Any]) -> None:
         """Restore the state that `memory` returned for the same body."""
         chance, self._frame, self._asked, self._evidence = memory
-        self._rng.bit_generator.state = json.loads(chance)
+        self._rng.bit_generator.state, self._rng_of_lower.bit_generator.state = (json.loads(one) for one in chance)
 
     def found(
         self,
@@ -149,14 +155,18 @@ class LimbRecovery:
         wanted = (doubtful | due | missed.keys()) & self._asked
         self._asked = doubtful | missed.keys() | self._due(self._frame + 1)
         then, self._evidence = self._evidence, now if self._asked else {}
-        evidence = [lasting(one, then[name]) for name, one in now.items() if name in then]
+        of_two = {name: lasting(one, then[name]) for name, one in now.items() if name in then}
+        evidence = [*of_two.values()]
         if len(evidence) < FEWEST_CAMERAS:
             return None
         these = [limb for limb in self._limbs if limb.name in wanted]
-        found, moved = self._searched(these, pose, evidence, due, missed)
+        apart = evidence
+        if wanted & self._lower:
+            apart = [_apart(one, others.get(name), stands.vertices) for name, one in of_two.items()]
+        found, moved = self._searched(these, pose, evidence, due, missed, apart=apart)
         if len(moved) > 1:
             # The first one may have taken the place of the second, as one leg that of the other.
-            other, also = self._searched(these[::-1], pose, evidence, due, missed)
+            other, also = self._searched(these[::-1], pose, evidence, due, missed, apart=apart)
             if self._value(these, pose, other, evidence) > self._value(these, pose, found, evidence):
                 found, moved = other, also
         if not moved:
@@ -175,15 +185,21 @@ class LimbRecovery:
         evidence: Sequence[Evidence],
         due: set[str],
         missed: Mapping[str, float],
+        *,
+        apart: Sequence[Evidence],
     ) -> tuple[TreePose, list[NDArray[np.int64]]]:
-        """Search limbs one after the other; return the pose with the found ones, and their joints."""
+        """Search limbs one after the other; return the pose with the found ones, and their joints.
+
+        Lower limbs are searched in the evidence ``apart`` from other people.
+        """
         moved: list[NDArray[np.int64]] = []
         for limb in order:
-            stands = self._body.standing(pose)
-            of_it = [without(one, stands.vertices, limb.other_faces) for one in evidence]
+            stands, lower = self._body.standing(pose), limb.name in self._lower
+            of_it = [without(one, stands.vertices, limb.other_faces) for one in (apart if lower else evidence)]
             places = stands.vertices, stands.landmarks[self._body.solid.ends]
+            # Own random numbers: whether a lower limb is searched changes no other search.
             found = search(
-                limb, self._body.local(pose), places, of_it, self._rng,
+                limb, self._body.local(pose), places, of_it, self._rng_of_lower if lower else self._rng,
                 also_hidden=limb.name in due, missed=missed.get(limb.name), settings=self._settings,
             )  # fmt: skip
             if found is not None:
@@ -270,6 +286,27 @@ class LimbRecovery:
         """Return the ball that each whole limb can reach, about its attachment point."""
         R, t = motions(self._body.mesh.tree, pose)
         return [Ball(R[part].reshape(3, 3) @ ball.centre + t[part], ball.radius_m) for part, ball in self._hung]
+
+
+def _apart(evidence: Evidence, others: Bool | None, vertices: Float64) -> Evidence:
+    """Return an image's evidence without that within `OTHERS_M` of the pixels of other people.
+
+    Args:
+        evidence: the evidence.
+        others: (height, width) mask of other people; None for none.
+        vertices: (n, 3) of the body, for its distance from the camera, world [m].
+    """
+    if others is None or not others.any():
+        return evidence
+    (left, top), step, T = evidence.origin_px, evidence.step_px, evidence.eye.T_camera_world
+    away_m = float(np.median(vertices @ T[2, :3] + T[2, 3]))
+    margin_px = OTHERS_M * float(evidence.eye.lens[0]) / max(away_m, OTHERS_M)
+    near = signed_distance(others[::step, ::step], min(margin_px + step, MOST_REACH * step), step) > -margin_px
+    rows, columns = evidence.strange.shape
+    near = near[top // step : top // step + rows, left // step : left // step + columns]
+    strange = evidence.strange.copy()
+    strange[: near.shape[0], : near.shape[1]][near] = 0.0
+    return Evidence(evidence.eye, evidence.origin_px, step, strange)
 
 
 def with_angles(pose: TreePose, joints: NDArray[np.int64], angles: Float64) -> TreePose:

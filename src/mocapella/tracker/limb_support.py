@@ -6,7 +6,8 @@ the pixels on both sides must be likelier on their own side than on the other.
 
 An image *shows* a landmark if there is enough of this evidence. Edges of other things are evidence, too, where they lie
 along the outline by chance. So images *support* a landmark only if two of them show it, if all together have evidence
-at most of its outline, and not counting edges of the room (`sensing/room_edges.py`).
+at most of its outline, and not counting edges of the room (`sensing/room_edges.py`). An arm must be *distinct*, too:
+there must be more edges at its outline than at the outlines of the same arm elsewhere nearby.
 """
 
 from __future__ import annotations
@@ -36,6 +37,16 @@ LEAST_SHARE: Final = 0.5
 OVERALL: Final = 0.55
 """Least share of a landmark's outline in all images together that has evidence, for its support. A limb that is
 elsewhere is confirmed by some images, by edges of other things, and by most of them hardly ever."""
+DISTINCT: Final = 0.28
+"""Least excess of the share of edges at an arm's outline over that at its outlines elsewhere, for its support [ratio].
+Edges about legs are too many for that: those of furniture, and of the other leg."""
+ELSEWHERE_M: Final = np.concatenate([
+    0.1 / np.sqrt(3.0) * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64),
+    0.15 * np.concatenate([np.eye(3), -np.eye(3)]),
+])  # fmt: skip
+"""(14, 3) displacements of an arm to the places elsewhere, world [m]."""
+ARM_ENDS: Final = ("elbow", "wrist")
+"""Ends of the names of landmarks of an arm."""
 FEWEST_CAMERAS: Final = 2
 """Least number of cameras that count, if there are so many: in a single one, the distance of a limb is unknown."""
 FEWEST_M: Final = 0.04
@@ -62,6 +73,8 @@ class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
         open: (n,) whether the image could show the outline at a point: within the image, and not where another person
             is. None: everywhere.
         room: (n,) whether the image's edge at a point is one of the room. None: nowhere.
+        excess: (n,) whether the image has an edge at a point, 0 or 1, less the share of places of the outline elsewhere
+            at which it has one, of `sensing/edges_elsewhere.py`; NaN where that is not measured. None: nowhere.
     """
 
     outline: Outline
@@ -69,6 +82,7 @@ class OutlineEvidence(msgspec.Struct, frozen=True, eq=False):
     lengths_m: Float64
     open: Bool | None = None
     room: Bool | None = None
+    excess: Float64 | None = None
 
     @property
     def shown(self) -> float:
@@ -86,6 +100,7 @@ class LimbSupport:
 
     Attributes:
         parts: for each landmark, the parts whose outline counts for it; empty for landmarks that are not judged.
+        arms: (parts,) bool, the parts of arms, whose landmarks must be distinct.
     """
 
     def __init__(self, mesh: RiggedMesh, least_nats: float = LEAST_NATS) -> None:
@@ -103,6 +118,10 @@ class LimbSupport:
         counts = [np.isin(np.arange(len(parents)), some) for some in self.parts]
         self._counts = np.array(counts, np.bool_).reshape(len(counts), len(parents))
         self._judged = self._counts.any(axis=1)
+        arm_marks = [mark.part for name, mark in mesh.landmarks.items() if name.endswith(ARM_ENDS)]
+        in_arms = [part for chain in ends if np.isin(chain, arm_marks).any() for part in chain]
+        self.arms = np.isin(np.arange(len(parents)), in_arms)
+        self._of_arm = self._judged & self.arms[self._part]
         self._count = len(parents)
 
     def supported(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:
@@ -115,6 +134,7 @@ class LimbSupport:
             evidence: that of each camera that sees the body.
         """
         whole, sure = (np.zeros((len(evidence), len(landmarks))) for _ in range(2))
+        excess, measured = (np.zeros(len(landmarks)) for _ in range(2))
         for row, one in enumerate(evidence):
             counts = np.ones(len(one.nats), np.bool_) if one.open is None else one.open
             clear = one.nats >= self._least_nats
@@ -123,9 +143,14 @@ class LimbSupport:
             metres, near = np.where(counts, one.lengths_m, 0.0), self._near(landmarks, one)
             whole[row] = np.where(near, metres, 0.0).sum(axis=1)
             sure[row] = np.where(near & clear, metres, 0.0).sum(axis=1)
+            if one.excess is not None:
+                known = near & ~np.isnan(one.excess)
+                excess += np.where(known, metres * np.nan_to_num(one.excess), 0.0).sum(axis=1)
+                measured += np.where(known, metres, 0.0).sum(axis=1)
         share = sure.sum(axis=0) / np.maximum(whole.sum(axis=0), 1e-9)
         cameras = ((sure >= LEAST_SHARE * whole) & (sure >= FEWEST_M)).sum(axis=0)
         enough = (share >= OVERALL) & (cameras >= min(FEWEST_CAMERAS, len(evidence)))
+        enough &= ~self._of_arm | (measured == 0) | (excess >= DISTINCT * measured)
         return np.asarray(self.shown(landmarks, evidence) & (enough | ~self._judged))
 
     def shown(self, landmarks: Float64, evidence: Sequence[OutlineEvidence]) -> Bool:

@@ -20,13 +20,15 @@ from mocapella.kinematics.silhouette_fit import Eye, Figure, Outline, alike, see
 from mocapella.kinematics.twist_fit import InPlanes
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
+from mocapella.sensing.edges_elsewhere import edges_in_excess
 from mocapella.sensing.frame_changes import FrameChanges
+from mocapella.sensing.image_samples import image_samples
 from mocapella.sensing.largest_object import largest_object
 from mocapella.sensing.passing_things import PassingThings
 from mocapella.sensing.region_contour import RegionSettings, region_contour
 from mocapella.sensing.room_edges import RoomEdges
 from mocapella.tracker.limb_stillness import ChangedImage
-from mocapella.tracker.limb_support import OutlineEvidence, evidence_at
+from mocapella.tracker.limb_support import ELSEWHERE_M, OutlineEvidence, evidence_at
 from mocapella.tracker.silhouette_settings import SilhouetteSettings
 
 Float64 = NDArray[np.float64]
@@ -60,6 +62,12 @@ BODY_COLOURS = 512
 """Number of pixels of the segmented region whose colours are the body's."""
 LEVELS = 24.0
 """Least difference of unlike colours, in any channel [8-bit levels]."""
+COARSE_M = 0.0125
+"""Largest distance between samples at which edges at an outline are compared with those elsewhere: there these are few
+samples away, where edges of the same body are [m]."""
+KNOWN_ELSEWHERE = 0.5
+"""Edges at an outline are compared with those elsewhere if the background is known at this share of the places there:
+else edges of a patterned room count as those of things."""
 USUAL_STEP_PX = 2
 """Stride for which `RegionSettings` give lengths and areas; they are scaled to a camera's stride [px]."""
 
@@ -171,6 +179,11 @@ class SilhouetteCamera:
         """Distance between samples at the body's nearest outline [m]; after a successful `look`."""
         assert self._outline is not None
         return float(self._outline.depth.min(initial=np.inf) * self.step_px / self._eye.lens[0])
+
+    def sample_at_m(self, point: Float64) -> float:
+        """Return the distance between samples at a point (3,) in the world [m]."""
+        T = self._eye.T_camera_world
+        return float(T[2, :3] @ point + T[2, 3]) * self.step_px / float(self._eye.lens[0])
 
     def look(self, body: Figure, vertices: Float64, s: SilhouetteSettings) -> bool:
         """Project the outline of a posed body into the image, and keep it; return False if it is outside.
@@ -310,11 +323,12 @@ class SilhouetteCamera:
         enough = 2 * len(known) > len(score) and 3 * len(known) > whole
         return float((known > 0).mean()) if enough else float("nan")
 
-    def support(self, people: Bool | None) -> OutlineEvidence:
+    def support(self, people: Bool | None, arms: Bool | None = None) -> OutlineEvidence:
         """Return how clearly this frame's image shows the model's outline; only if it is `segmented`.
 
         Args:
             people: (height, width) mask of other people, who may hide the body; None for none.
+            arms: (parts,) bool, the parts at whose outline edges are compared with those elsewhere; None for none.
         """
         assert self._outline is not None
         assert self._found is not None
@@ -328,7 +342,28 @@ class SilhouetteCamera:
         room = None
         if self.background is not None:
             room = self.room_edges.of_room(self._image, outline.at, outline.normals, self.background)
-        return OutlineEvidence(outline, evidence_at(outline, contour.phi, surety), lengths, free, room)
+        excess = None if arms is None else self._excess(outline, free & arms[outline.part])
+        return OutlineEvidence(outline, evidence_at(outline, contour.phi, surety), lengths, free, room, excess)
+
+    def _excess(self, outline: Outline, these: Bool) -> Float64:
+        """Return `OutlineEvidence.excess` (n,) of the points ``these`` (n,) of the outline; NaN for the others."""
+        assert self._image is not None
+        image, out = self._image, np.full(len(these), np.nan)
+        if not these.any() or self.sample_m > COARSE_M:
+            return out
+        points, step = outline.points[these], self.step_px
+        moved = (points + ELSEWHERE_M[:, None]).reshape(-1, 3)
+        elsewhere = seen_at(moved, self._eye).reshape(len(ELSEWHERE_M), -1, 2) - seen_at(points, self._eye)
+        background, places = self.background, outline.at[these] + elsewhere
+        if background is None:
+            return out
+        if (background.strange_at(image, places.reshape(-1, 2)) != 0).mean() < KNOWN_ELSEWHERE:
+            return out
+        out[these] = edges_in_excess(
+            image_samples(image, step), step, outline.at[these], outline.normals[these], elsewhere,
+            is_room=lambda pixels: background.strange_at(image, pixels) < 0,
+        )  # fmt: skip
+        return out
 
     def contradicts(self, pixels: Float64, margins_rad: Float64) -> Bool:
         """Return whether the image shows that pixels (n,) are not the body's; only if it is `segmented`.
