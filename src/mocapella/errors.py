@@ -26,7 +26,9 @@ MocapellaError                base class; the message says what would have worke
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+from typing import Final
 
 
 def visible(text: str, keep: str = "") -> str:
@@ -170,8 +172,38 @@ def one_of(value: str, choices: Iterable[str]) -> str:
         choices: the valid values, listed in their order; the text is empty if there are none.
     """
     names = list(choices)
-    close = difflib.get_close_matches(value, names, n=1)
-    return ", ".join(names) + (f" (did you mean {close[0]}?)" if close else "")
+    near = _nearest(value, names)
+    return ", ".join(names) + (f" (did you mean {' or '.join(near)}?)" if near else "")
+
+
+def _nearest(value: str, names: list[str]) -> list[str]:
+    """Return the names that a value may stand for, never one of the other side: ``KneeLeft`` is ``LKnee``.
+
+    Of a value without a side, a name with a side is returned beside its mirror name.
+    """
+    words = {name: _words(name) for name in names}
+    own = _words(value)
+    if own and (equal := [name for name in names if words[name] == own]):
+        return equal[:1]
+    side = own & _SIDES
+    able = [name for name in names if not side or not words[name] & _SIDES or words[name] & _SIDES == side]
+    close = difflib.get_close_matches(value, able, n=1)
+    if not close or side:
+        return close
+    rest = words[close[0]] - _SIDES
+    both = [name for name in names if words[name] & _SIDES and words[name] - _SIDES == rest]
+    return both if close[0] in both else close
+
+
+_SIDES: Final = frozenset({"left", "right"})
+_SHORT: Final = {"l": "left", "r": "right"}
+_WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+
+
+def _words(name: str) -> frozenset[str]:
+    """Return the words of a joint's or angle's name in lower case, without their order; ``l`` and ``r`` are sides."""
+    found = (word.lower() for word in _WORD.findall(name))
+    return frozenset(_SHORT.get(word, word) for word in found)
 
 
 def _shorten(text: str, limit: int = 60) -> str:

@@ -106,7 +106,7 @@ def test_where_nobody_walked_nothing_is_saved_and_that_is_said(
         (["--set", "layout=hall.json", "--method", "stand-still"], "'stand-still' keeps no sensor layout"),
         (["--set", "save_layout=no-folder/hall.json"], "save_layout no-folder/hall.json: cannot be written there"),
         (["--set", "save_layout=hall.json", "--method", "hands"], "the method hands finds no sensor layout"),
-        (["--rig", "none.toml"], "none.toml: cannot be read"),
+        (["--rig", "none.toml"], "none.toml: is not there"),
         (["--rig", "note.txt"], "note.txt: is no TOML"),
         (["--rig", "hall.json"], "hall.json: is a sensor layout; use --set layout=FILE"),
         (["--rig", "hall.toml", "--method", "arms"], "hall.toml: is a sensor layout; use --set layout=FILE"),

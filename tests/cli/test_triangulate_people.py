@@ -61,6 +61,7 @@ def test_what_cannot_be_triangulated_is_one_line(folder: Path, tmp_path: Path) -
     for arguments, said in (
         (["--out", "a.xyz"], "end its name with one of"),
         (["--out", "a.trc"], "give the frame rate with --fps"),
+        *((["--out", "a.trc", "--fps", fps], "--fps is") for fps in ("0", "-30", "nan", "inf")),
         (["--out", "a.trc", "--fps", "30", "--set", "order=COCO_17"], "the order COCO_17 has 17"),
         (["--out", "a.trc", "--fps", "30", "--set", "magic=1"], "magic"),
         (["--out", "a.trc", "--fps", "30", "--up", "x"], "up is 'x'"),

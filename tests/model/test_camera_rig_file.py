@@ -71,7 +71,7 @@ def test_a_file_that_was_changed_is_refused_by_name(tmp_path: Path, before: str,
 
 def test_a_missing_field_or_file_and_a_folder_that_is_not_there(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is not there; name the file or folder of a rig, or calibrate"):
         load_camera_rig(path)
     path.write_text('format = "mocapella camera rig"\nversion = 1\n[cameras.a]\nsize_px = [1, 2]\n')
     with pytest.raises(InputError, match="focal_px: is missing"):

@@ -155,10 +155,8 @@ def arm(
     from mocapella.detectors import arm_detectors, make_detector
     from mocapella.exports.arm_rows import table_rows
     from mocapella.live.signals import interruptible
-    from mocapella.settings import check
     from mocapella.sources.depth_options import complete
 
-    check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
     options = depth_options(intrinsics, unit, rig, fps)
     _, detector_settings = read_settings(NoKeys, settings_file, settings)
     found = []

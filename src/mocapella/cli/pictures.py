@@ -11,6 +11,7 @@ import typer
 from mocapella.cli.command_settings import KeySpec
 from mocapella.cli.common import parse_size, say
 from mocapella.errors import InputError
+from mocapella.settings import check
 
 if TYPE_CHECKING:
     from mocapella.sensing.colour_profile import CameraControls, ColourProfile
@@ -29,9 +30,22 @@ Size = Annotated[
     str | None,
     typer.Option("--size", metavar="WxH", help="Image size in pixels; by default the camera's or profile's."),
 ]
+
+
+def _frame_rate(fps: float | None) -> float | None:
+    """Return a frame rate [Hz] unchanged; raise `SettingsError` if no camera or film has it."""
+    check(fps is None or 0 < fps <= 1000, "--fps", fps, "above 0, at most 1000")
+    return fps
+
+
 Fps = Annotated[
     float | None,
-    typer.Option("--fps", metavar="HZ", help="Frame rate to request from a camera, or to assume for files [Hz]."),
+    typer.Option(
+        "--fps",
+        metavar="HZ",
+        callback=_frame_rate,
+        help="Frame rate to request from a camera, or to assume for files [Hz].",
+    ),
 ]
 Profile = Annotated[
     Path | None,

@@ -16,6 +16,7 @@ translations of the file are taken as millimetres, the unit of boards in Anipose
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -46,6 +47,7 @@ _KNOWN: Final = (
     "intri.yml and extri.yml) or Qualisys (.qca.txt)"
 )
 _ANEW: Final = "calibrate anew: mocapella calibrate cameras"
+_MISSING: Final = "name the file or folder of a rig, or calibrate: mocapella calibrate cameras"
 _FIELDS: Final = ("size_px", "focal_px", "centre_px", "distortion", "T_camera_world")
 _OPTIONAL: Final = ("covariance", "readout_s", "clock_s")
 
@@ -86,6 +88,8 @@ def load_camera_rig(path: Path | str) -> CameraRig:
         InputError: the file does not exist, or has another format; states the field, its value and a remedy.
     """
     path = Path(path)
+    if not os.path.exists(path):  # noqa: PTH110  Path.exists raises an error for a NUL in the name
+        raise InputError("is not there", file=path, fix=_MISSING)
     if path.is_dir():
         return _of_storages(_storage_files(path), path)
     partner = _PARTNERS.get(path.stem.lower())

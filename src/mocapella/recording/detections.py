@@ -20,6 +20,7 @@ from mocapella.errors import InputError, one_of
 from mocapella.model.keypoints import NO_ID, KeypointFrame, keypoint_frame
 from mocapella.model.point_tracks import ImageTracks
 from mocapella.model.topology import Topology, topology, topology_names
+from mocapella.settings import check
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -248,7 +249,9 @@ def keypoint_frames(
 
     Raises:
         InputError: the points are no person's, or there is no rate and the file has no rising times.
+        SettingsError: the rate is not above 0.
     """
+    check(rate_hz is None or 0 < rate_hz < 1e6, "fps", rate_hz, "above 0 and below 1000000")
     if found.topology is None:
         raise InputError("the points are no person's keypoints", file=found.camera, fix="triangulate them as points")
     at_s = found.at_s if rate_hz is None else found.numbers / rate_hz
