@@ -57,13 +57,16 @@ def test_the_tables_of_causes_have_a_row_for_each_seed() -> None:
     run = {
         "pcp_percent": {"method": 91.25}, "actors_percent": [91.25, 92.25], "parts_percent": {"upper arms": 93.25},
         "found_percent": 94.25, "precision_percent": 95.25, "causes_percent": {"not tracked": 3.25},
+        "parts_causes_percent": {"upper arms": {"sides": 4.25}, "head": {"sides": 5.25}},
+        "actors_causes_percent": [{"sides": 6.25}],
     }  # fmt: skip
     fewer = run | {"actors_percent": [96.25]}
     out = Console(record=True, width=80)
     show_causes({"seeds": [0, 7], "causes": {"shelf": [run, fewer]}}, out)
     text = out.export_text()
-    assert all(f"{value:.2f}" in text for value in (91.25, 92.25, 93.25, 94.25, 95.25, 96.25, 3.25))
-    assert text.count("shelf 7") == len(run)
+    assert all(f"{value:.2f}" in text for value in (91.25, 92.25, 93.25, 94.25, 95.25, 96.25, 3.25, 4.25, 5.25, 6.25))
+    assert text.count("shelf 7") == len(run) + 1  # a row for each part
+    assert "shelf 7, upper arms" in text
 
 
 @pytest.mark.parametrize(

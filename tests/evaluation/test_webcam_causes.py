@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mocapella.errors import SettingsError
-from mocapella.evaluation.body_parts import LIMBS
+from mocapella.evaluation.body_parts import LIMBS, PARTS
 from mocapella.evaluation.webcam_causes import CAUSES, RUNS, _causes, _Instant, causes, evaluate_causes
 from mocapella.model.topology import topology
 from mocapella.sources.simulate.body import body_template
@@ -30,9 +30,10 @@ def counted(found: Any, robust: Any = TRUE, seen: Any = SEEN) -> dict[str, int]:
     one = _Instant(0, np.arange(2), TRUE, np.ones(2, dtype=np.bool_), {})
     people = np.stack([found, TRUE[1]]) if found is not None else TRUE[1:]
     who = {0: 0, 1: 1} if found is not None else {1: 0}
-    causes_of, limbs = _causes([one], [people], [robust], [seen], [who])
-    assert limbs == 2 * len(LIMBS)
-    return {cause: count for cause, count in causes_of.items() if count}
+    counts = _causes([one], [people], [robust], [seen], [who])
+    assert counts[:, :, 0].sum() == 2 * len(LIMBS)
+    assert counts[1, :, 1:].sum() == 0
+    return {cause: int(count) for cause, count in zip(CAUSES, counts[0, :, 1:].sum(axis=0), strict=True) if count}
 
 
 def moved(joint: str, by: float) -> Any:
@@ -66,11 +67,16 @@ def test_exact_detections_leave_nothing_to_miss() -> None:
     assert tuple(found.causes_percent) == CAUSES
     assert min(found.pcp_percent.values()) > 99.0
     assert found.found_percent == found.precision_percent == 100.0
+    assert tuple(found.parts_causes_percent) == tuple(PARTS)
+    assert len(found.actors_causes_percent) == 2
     assert sum(found.causes_percent.values()) < 1.0
     missing = dataclasses.replace(NO_FAULTS, missed=(1.0, 1.0, 1.0, 1.0))
     blind = causes(dataclasses.replace(room, camera=KeypointCameraSettings(faults=missing)))
     assert blind.found_percent == blind.pcp_percent["method"] == 0.0
     assert blind.causes_percent["not tracked"] == 100.0
+    assert {one["not tracked"] for one in (*blind.parts_causes_percent.values(), *blind.actors_causes_percent)} == {
+        100.0
+    }
 
 
 def test_unknown_scenes_and_no_seeds_are_refused() -> None:

@@ -116,6 +116,11 @@ def test_points_get_the_names_and_the_order_of_the_detector(tmp_path: Path, foun
     assert found.people is not None
     few = with_names_of(found.people, topology("body_25"))
     assert few.keypoints == topology("body_25").joints
+    more = with_names_of(found.people, topology("body_25"), others=True)
+    assert more.keypoints == (*few.keypoints, "Head")
+    head = found.people.keypoints.index("Head")
+    np.testing.assert_array_equal(more.positions[:, :, -1], found.people.positions[:, :, head])
+    np.testing.assert_array_equal(more.states[:, :, :-1], few.states)
     column = few.keypoints.index("MidHip")
     np.testing.assert_array_equal(few.positions[:, :, column], found.people.positions[:, :, 19])
     assert with_names_of(found.people, topology("halpe_26")) is found.people

@@ -23,6 +23,7 @@ Bools = NDArray[np.bool_]
 SETTINGS = WebcamsSettings()
 FOUR = circle_of_cameras(4)
 NONE_MISSED = np.zeros(4)
+UP = np.array([0.0, 1.0, 0.0])
 ANKLE = topology("halpe_26").index("LAnkle")
 
 
@@ -49,7 +50,7 @@ def confirmed(
 ) -> bool:  # fmt: skip
     agreed = np.zeros((len(people.ids), 4), dtype=np.bool_)
     agreed[0, :2] = True
-    return ready(people, SETTINGS, agreed, origins, missed=missed, floor=floor, known=lambda _: known) == [0]
+    return ready(people, SETTINGS, agreed, origins, missed=missed, floor=floor, up=UP, known=lambda _: known) == [0]
 
 
 @pytest.mark.parametrize(
@@ -101,20 +102,20 @@ def test_a_candidate_who_stands_on_the_floor_may_be_seen_at_a_smaller_angle(
 def test_the_floor_is_where_well_known_people_stand(height: float, sd_m: float) -> None:
     people = person(3)
     people.sure[0], people.heights[0], people.height_variances[0] = LONG_SEEN, height, sd_m**2
-    assert floor_of(people) == pytest.approx(height)
+    assert floor_of(people, UP) == pytest.approx(height)
 
 
 def test_the_floor_is_not_known_of_few_instants_moving_ankles_or_another_vertical() -> None:
     people = person(3)
     people.sure[0], people.heights[0] = LONG_SEEN, 0.1
-    assert floor_of(people) == pytest.approx(0.1)
+    assert floor_of(people, UP) == pytest.approx(0.1)
     people.height_variances[0] = 0.2**2
-    assert np.isnan(floor_of(people))
+    assert np.isnan(floor_of(people, UP))
     people.height_variances[0], people.sure[0] = 0.0, LONG_SEEN - 1
-    assert np.isnan(floor_of(people))
+    assert np.isnan(floor_of(people, UP))
     people.sure[0], people.positions[0] = LONG_SEEN, people.positions[0][:, [0, 2, 1]]  # people stand along z
-    assert np.isnan(floor_of(people))
-    assert np.isnan(floor_of(no_people(10, 4)))
+    assert np.isnan(floor_of(people, UP))
+    assert np.isnan(floor_of(no_people(10, 4), UP))
 
 
 def test_a_candidate_has_walked_only_after_enough_instants() -> None:

@@ -163,8 +163,8 @@ def test_heights_are_learnt_with_their_variance() -> None:
     for k in range(600):
         people.hits[0] = k + 1
         joints = np.full((26, 3), np.nan)
-        joints[3], joints[4] = 1.0, random.normal(0.9, 0.05)
-        learn_heights(people, 0, joints)
+        joints[3], joints[4] = (7.0, 8.0, 1.0), (7.0, 8.0, random.normal(0.9, 0.05))
+        learn_heights(people, 0, joints, np.array([0.0, 0.0, 1.0]))
     assert people.heights[0, 3] == pytest.approx(1.0)
     assert people.heights[0, 4] == pytest.approx(0.9, abs=0.04)
     assert np.sqrt(people.height_variances[0, 4]) == pytest.approx(0.05, rel=0.5)

@@ -40,6 +40,8 @@ _CAUSES: Final = {
     "found_percent": "expected people who are found [%]",
     "precision_percent": "found people who are true [%]",
     "causes_percent": "missed limbs of the method, by cause [% of all limbs]",
+    "parts_causes_percent": "missed limbs of the method, by part and cause [% of the part's limbs]",
+    "actors_causes_percent": "missed limbs of the method, by person and cause [% of the person's limbs]",
 }
 
 
@@ -128,9 +130,10 @@ def show_causes(result: dict[str, Any], out: Console) -> None:
     """Print the result of `mocapella.evaluation.webcam_causes.evaluate_causes` as tables, a row for each seed."""
     for key, title in _CAUSES.items():
         rows = [
-            (f"{name} {seed}", _figures(one[key]))
+            (f"{name} {seed}{more}", figures)
             for name, runs in result["causes"].items()
             for seed, one in zip(result["seeds"], runs, strict=True)
+            for more, figures in _rows(_figures(one[key]))
         ]
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for words in ("", *max((figures for _, figures in rows), key=len)):
@@ -138,6 +141,13 @@ def show_causes(result: dict[str, Any], out: Console) -> None:
         for name, figures in rows:
             table.add_row(name, *map(figure_text, figures.values()))
         out.print(table)
+
+
+def _rows(figures: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Rows of figures: one, or one for each part or person, with its name."""
+    if all(isinstance(value, dict) for value in figures.values()):
+        return [(f", {name}", value) for name, value in figures.items()]
+    return [("", figures)]
 
 
 def _figures(values: Any) -> dict[str, Any]:

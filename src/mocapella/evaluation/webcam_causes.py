@@ -7,7 +7,6 @@ are scored as in `mocapella.evaluation.body_parts`, of the expected people (`peo
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import takewhile
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import sources_named
 from mocapella.errors import SettingsError
-from mocapella.evaluation.body_parts import JOINTS, LIMBS, correct_limbs, joints_of_halpe, pcp
+from mocapella.evaluation.body_parts import JOINTS, LIMBS, PARTS, correct_limbs, joints_of_halpe, pcp
 from mocapella.evaluation.people_scores import AFTER_NS, expected_people, match_people
 from mocapella.evaluation.webcams import scene_and_cameras
 from mocapella.geometry.triangulation import EVERY_CAMERA, TriangulationSettings, triangulate, views
@@ -49,6 +48,7 @@ TOP_OF_HEAD: Final = 1.6
 _FACE: Final = [topology("halpe_26").index(name) for name in ("Nose", "LEye", "REye", "LEar", "REar")]
 _NECK: Final = topology("halpe_26").index("Neck")
 _HEAD: Final = topology("halpe_26").index("Head")
+_PART_OF: Final = np.repeat(np.arange(len(PARTS)), [len(limbs) for limbs in PARTS.values()])
 _HALPE: Final = [topology("halpe_26").index(name) for name in JOINTS]
 _MIRROR: Final = [JOINTS.index({"L": "R", "R": "L"}.get(name[0], name[0]) + name[1:]) for name in JOINTS]
 
@@ -70,6 +70,8 @@ class CrowdCauses(msgspec.Struct, frozen=True):
             ``sides``: the limb of the other side is right; ``other person``: an end is at the same joint of another
             person; ``one camera``: fewer than two cameras detect an end; ``detections``: the run ``robust`` misses the
             limb, too; ``body``: any other.
+        parts_causes_percent: the same for each part of the body, of its limbs [%].
+        actors_causes_percent: the same for each person, of the person's limbs [%].
     """
 
     pcp_percent: dict[str, float]
@@ -78,6 +80,8 @@ class CrowdCauses(msgspec.Struct, frozen=True):
     found_percent: float
     precision_percent: float
     causes_percent: dict[str, float]
+    parts_causes_percent: dict[str, dict[str, float]]
+    actors_causes_percent: tuple[dict[str, float], ...]
 
 
 class _Instant(msgspec.Struct, frozen=True, eq=False):
@@ -132,12 +136,14 @@ def causes(
     wanted = sum(int(one.expected.sum()) for one in instants)
     hits = sum(sum(bool(one.expected[i]) for i in pairs) for one, pairs in zip(instants, who, strict=True))
     given, paired = sum(len(people) for people in found["method"]), sum(map(len, who))
-    counted, limbs = _causes(instants, found["method"], found["robust"], pixels, who)
+    counted = _causes(instants, found["method"], found["robust"], pixels, who)
     own_score = scores["method"]
     return CrowdCauses(
         {name: 100 * scores[name].mean for name in RUNS}, tuple(100 * share for share in own_score.actors),
         {part: 100 * share for part, share in own_score.parts.items()}, 100 * hits / max(wanted, 1),
-        100 * paired / max(given, 1), {cause: 100 * counted[cause] / max(limbs, 1) for cause in CAUSES},
+        100 * paired / max(given, 1), _shares(counted.sum(axis=(0, 1))),
+        {part: _shares(counted[:, k].sum(axis=0)) for k, part in enumerate(PARTS)},
+        tuple(_shares(own.sum(axis=0)) for own in counted),
     )  # fmt: skip
 
 
@@ -266,19 +272,24 @@ def _score(instants: Sequence[_Instant], people: Sequence[Float64]) -> Any:
     return pcp(np.stack(true, axis=1), [joints_of_halpe(some) for some in people])
 
 
+def _shares(counted: Float64) -> dict[str, float]:
+    """The share of each cause [%] of counts (all limbs, and those missed by each of `CAUSES`)."""
+    return {cause: float(100 * one / max(counted[0], 1)) for cause, one in zip(CAUSES, counted[1:], strict=True)}
+
+
 def _causes(
     instants: Sequence[_Instant], people: Sequence[Float64], robust: Sequence[Float64], pixels: Sequence[Float64],
     who: Sequence[dict[int, int]],
-) -> tuple[Counter[str], int]:  # fmt: skip
-    """Count the causes of missed limbs, and all limbs; see `CrowdCauses`."""
-    counted, limbs = Counter[str](), 0
+) -> Float64:  # fmt: skip
+    """Count limbs (people, parts, 1 + causes): all, and those missed by each cause, see `CrowdCauses`."""
+    counted = np.zeros((len(instants[0].numbers), len(PARTS), 1 + len(CAUSES)))
     for one, found, best, seen, pairs in zip(instants, people, robust, pixels, who, strict=True):
         true = joints_of_halpe(one.true)
         cameras = np.isfinite(seen[..., 0]).sum(axis=-1)[:, _HALPE]
         for i in np.flatnonzero(one.expected).tolist():
-            limbs += len(LIMBS)
+            np.add.at(counted[i, :, 0], _PART_OF, 1)
             if i not in pairs:
-                counted["not tracked"] += len(LIMBS)
+                np.add.at(counted[i, :, 1], _PART_OF, 1)
                 continue
             own = joints_of_halpe(found[pairs[i]])
             right, _ = correct_limbs(true[i], own)
@@ -291,5 +302,5 @@ def _causes(
             for k in np.flatnonzero(~right).tolist():
                 ends = [*LIMBS[k][0], LIMBS[k][1]]
                 tests = (turned[k], taken[ends].any(), cameras[i, ends].min() < 2, not easy[k], True)
-                counted[CAUSES[1 + next(c for c, holds in enumerate(tests) if holds)]] += 1
-    return counted, limbs
+                counted[i, _PART_OF[k], 2 + next(c for c, holds in enumerate(tests) if holds)] += 1
+    return counted

@@ -23,6 +23,8 @@ T = TypeVar("T", bound=Trajectories)
 
 POINTS: Final = ("trc", "c3d", "csv", "csv-wide", "parquet", "npz", "netcdf")
 """Exports of points, which get the names and the order of the detector's keypoints; others need the skeleton's."""
+TABLES: Final = ("csv", "csv-wide", "parquet", "npz", "netcdf")
+"""Exports of points that state which are inferred; they also get the skeleton's other joints, such as the head."""
 
 
 def export_of(path: Path) -> Export:
@@ -59,7 +61,7 @@ def save_people(people: Trajectories, path: Path, *, own: Topology | None = None
     """
     export = export_of(path)
     if own is not None and export.name in POINTS:
-        people = with_names_of(people, own)
+        people = with_names_of(people, own, others=export.name in TABLES)
     write: Callable[..., object] = load(export.write)
     made = []
     for file, some in _planned(people, path, export):
@@ -72,12 +74,13 @@ def save_people(people: Trajectories, path: Path, *, own: Topology | None = None
     return made
 
 
-def with_names_of(people: T, own: Topology) -> T:
+def with_names_of(people: T, own: Topology, *, others: bool = False) -> T:
     """Return people of `halpe_26` with the keypoints of a detector's topology, in its order, as far as these have some.
 
     Args:
         people: the people; with other keypoints they are returned unchanged.
         own: the detector's topology.
+        others: whether to add the joints that the detector lacks, with Halpe's names, after its keypoints.
     """
     halpe = topology("halpe_26")
     if people.keypoints != halpe.joints or own is halpe:
@@ -88,9 +91,13 @@ def with_names_of(people: T, own: Topology) -> T:
     if not kept:
         return people
     index = {joint: i for i, joint in enumerate(kept)}
+    names = [own.joints[joint] for joint in kept]
+    if others:
+        more = [i for i, name in enumerate(halpe.joints) if i not in columns and name not in names]
+        columns, names = [*columns, *more], [*names, *(halpe.joints[i] for i in more)]
     bones = tuple((index[a], index[b]) for a, b in own.bones if a in index and b in index)
     return replace(
-        people, keypoints=tuple(own.joints[joint] for joint in kept), positions=people.positions[:, :, columns],
+        people, keypoints=tuple(names), positions=people.positions[:, :, columns],
         states=people.states[:, :, columns], sd=people.sd[:, :, columns], bones=bones,
     )  # fmt: skip
 

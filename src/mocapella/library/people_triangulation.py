@@ -17,6 +17,7 @@ from mocapella.library.people_files import save_people, up_problem
 from mocapella.library.people_report import PeopleReport, alarms, people_report
 from mocapella.library.recording import Recording
 from mocapella.library.rig_image_sizes import check_image_sizes
+from mocapella.library.rig_units import rig_in_metres
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.keypoints import KeypointFrame
@@ -150,6 +151,7 @@ def track_detections(
     }
     frames = _with_all_instants(frames, found, names, fps)
     check_image_sizes(frames, rig, file=source)
+    rig, unit = rig_in_metres(frames, rig)
     arrivals = arrivals_of(frames, rig)
     recording, scenes = track_arrivals(
         arrivals, rig, source=source, record=record, settings=settings, progress=progress
@@ -162,7 +164,7 @@ def track_detections(
     notes = [*dict.fromkeys(note for one in found for note in one.notes), *recording.problems, *alarms(report)]
     return TriangulatedPeople(
         recording, report, next(iter(kinds.values())) if len(kinds) == 1 else None, fps,
-        tuple([*notes, up] if up else notes), most,
+        tuple(note for note in (unit, *notes, up) if note), most,
     )  # fmt: skip
 
 

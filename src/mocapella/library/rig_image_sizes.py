@@ -93,7 +93,7 @@ def check_inside(name: str, frames: Sequence[KeypointFrame], *, file: object, st
 
 def _scale(frames: Mapping[str, Sequence[KeypointFrame]], cameras: Mapping[str, PlacedCamera]) -> float | None:
     """Return the factor of the keypoints with which the cameras agree; None if they agree as they are, or never."""
-    instants = _instants(frames)
+    instants = shared_instants(frames)
     plain = _disagreement(instants, cameras, 1.0)
     if not plain > AGREES:  # also if there is nothing to compare
         return None
@@ -102,7 +102,7 @@ def _scale(frames: Mapping[str, Sequence[KeypointFrame]], cameras: Mapping[str, 
     return best if least < AGREES and least * BETTER < plain else None
 
 
-def _instants(frames: Mapping[str, Sequence[KeypointFrame]]) -> list[dict[str, KeypointFrame]]:
+def shared_instants(frames: Mapping[str, Sequence[KeypointFrame]]) -> list[dict[str, KeypointFrame]]:
     """Return frames with people, by camera, of at most `INSTANTS` instants that two cameras or more see."""
     at: dict[int, dict[str, KeypointFrame]] = {}
     for name, some in frames.items():
@@ -123,23 +123,35 @@ def _disagreement(
     """
     found: list[float] = []
     for seen in instants:
-        rays = {name: _rays(frame, cameras[name], scale) for name, frame in seen.items()}
+        rays = {name: rays_of(frame, cameras[name], scale) for name, frame in seen.items()}
         for one, other in combinations(rays, 2):
             (o, some), (p, others) = rays[one], rays[other]
             if some.shape[1] != others.shape[1]:  # another topology
                 continue
-            normals = np.cross(some, p - o)
-            normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-            angles = np.abs(np.einsum("ijk,ljk->ilj", normals, others))  # detections, others, keypoints
-            enough: Any = np.isfinite(angles).sum(axis=-1) >= SHARED
-            medians = np.full(enough.shape, np.inf)
-            medians[enough] = np.nanmedian(angles[enough], axis=-1)
-            best = medians.min(axis=1) / np.maximum(_spread(some), 1e-9)
+            medians = apart(some, others, p - o)
+            best = medians.min(axis=1) / np.maximum(spread_of(some), 1e-9)
             found += best[np.isfinite(best)].tolist()
     return float(np.median(found)) if found else float("nan")
 
 
-def _spread(rays: Float64) -> Float64:
+def apart(some: Float64, others: Float64, between: Float64) -> Float64:
+    """Return how far people's rays in two cameras are from crossing (detections, others) [rad]; infinite if unknown.
+
+    Args:
+        some: (detections, keypoints, 3) directions of one camera, world.
+        others: (others, keypoints, 3) of the other camera.
+        between: (3,) from the one camera's centre to the other's [m].
+    """
+    normals = np.cross(some, between)
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+    angles = np.abs(np.einsum("ijk,ljk->ilj", normals, others))  # detections, others, keypoints
+    enough: Any = np.isfinite(angles).sum(axis=-1) >= SHARED
+    medians = np.full(enough.shape, np.inf)
+    medians[enough] = np.nanmedian(angles[enough], axis=-1)
+    return medians
+
+
+def spread_of(rays: Float64) -> Float64:
     """Return the standard deviation (detections,) of each detection's directions (detections, keypoints, 3) [rad]."""
     known: Any = np.isfinite(rays).all(axis=-1)
     count = np.maximum(known.sum(axis=-1), 1)[:, None]
@@ -149,7 +161,7 @@ def _spread(rays: Float64) -> Float64:
     return spread
 
 
-def _rays(frame: KeypointFrame, placed: PlacedCamera, scale: float) -> tuple[Float64, Any]:
+def rays_of(frame: KeypointFrame, placed: PlacedCamera, scale: float = 1.0) -> tuple[Float64, Any]:
     """Return a camera's centre (3,) and the directions (detections, keypoints, 3) of its keypoints, NaN if not sure."""
     sure = (frame.confidences > CONFIDENT)[..., None]
     pixels = np.where(sure, scale * np.asarray(frame.positions_px, np.float64), np.nan)

@@ -59,6 +59,8 @@ from mocapella.tracker.webcams_markers import MEMORY as MARKERS_MEMORY
 from mocapella.tracker.webcams_markers import HandMarkers
 from mocapella.tracker.webcams_memory import CANDIDATE, CameraCounts, PeopleArrays, no_counts, no_people
 from mocapella.tracker.webcams_settings import WebcamsSettings
+from mocapella.tracker.webcams_vertical import MEMORY as VERTICAL_MEMORY
+from mocapella.tracker.webcams_vertical import Vertical
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -72,6 +74,8 @@ AHEAD_S: Final = 0.05
 """Least time since the last instant for a scene to use the frames that the next instant has so far [s]."""
 LOOK_EVERY: Final = 2
 """Number of instants from one search for strangers, in the next camera's image, to the next."""
+LOOK_UP_EVERY: Final = 4
+"""Number of instants from one comparison of people with the upward direction to the next, after the first."""
 
 
 class WebcamsTracker:
@@ -107,6 +111,7 @@ class WebcamsTracker:
         self._identities = Identities(s)
         self._hands = WebcamsHands(s)
         self._markers = HandMarkers(s.hands)
+        self._vertical = Vertical()
         self._own = SelfCalibration(s, max(self._wanted, 2)) if rig is None else None
         self._names: list[str] = []
         if rig is not None:
@@ -132,6 +137,7 @@ class WebcamsTracker:
             np.array([T[:3, :3] for T in poses]),
             np.array([T[:3, 3] for T in poses]),
             np.array([one.camera.size_px for one in placed], dtype=np.float64),
+            self._vertical.up,
         )
         self._places = tuple(place_of(one) for one in placed)
         if self._own is not None:
@@ -193,11 +199,18 @@ class WebcamsTracker:
         self._state = TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=self._sensors_expected)
 
     def _forget_people(self) -> None:
+        self._vertical.reset()
+        self._use_vertical()
         self._people = no_people(self._row, len(self._names))
         self._counts = no_counts(len(self._names), self._time_sds_s())
         self._began_s, self._shown_s, self._at_s = math.nan, math.nan, math.nan
         self._partial, self._looks = False, 0
         self._scene_of: tuple[int, tuple[Person, ...], tuple[TrackedHand, ...], tuple[SensorPlace, ...]] | None = None
+
+    def _use_vertical(self) -> None:
+        """Measure heights along the upward direction that is known now."""
+        if self._names:
+            self._cameras = self._cameras._replace(up=self._vertical.up)
 
     def recalibrate(self, reason: str) -> None:
         """Forget all people, and find them anew; the rig, the numbers given so far and the counts of `report` stay.
@@ -220,7 +233,7 @@ class WebcamsTracker:
         people, counts = self._people._asdict(), self._counts._asdict()
         calibration = None if self._own is None else [self._own.memory(), self.rig]
         parts = [self._instants.memory(), self._identities.memory(), self._hands.memory(), calibration]
-        parts.append(self._markers.memory())
+        parts += [self._markers.memory(), self._vertical.memory()]
         return pack([own, people, counts, *parts], _REMEMBERED)
 
     @recalls
@@ -230,7 +243,7 @@ class WebcamsTracker:
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
-        own, people, counts, instants, identities, hands, calibration, markers = unpack(data, _REMEMBERED)
+        own, people, counts, instants, identities, hands, calibration, markers, vertical = unpack(data, _REMEMBERED)
         if (calibration is None) != (self._own is None):
             raise WireError("the snapshot and this tracker differ in whether a rig is given")
         if self._own is not None:
@@ -247,6 +260,8 @@ class WebcamsTracker:
         set_memory(self._identities, identities, IDENTITY_MEMORY)
         self._hands.recall(hands)
         set_memory(self._markers, markers, MARKERS_MEMORY)
+        set_memory(self._vertical, vertical, VERTICAL_MEMORY)
+        self._use_vertical()
 
     @property
     def report(self) -> TrackerReport:
@@ -341,12 +356,15 @@ class WebcamsTracker:
                 self._identities.lose(people, row)
             kernels.forget(people, row)
         if (people.ids == CANDIDATE).any():
-            returns = partial(self._identities.returns, people, at_s=at_s)
+            returns, up = partial(self._identities.returns, people, at_s=at_s), self._vertical.up
             for row in ready(
-                people, s, agreed, self._cameras.origins, missed=self._counts.missed, floor=floor_of(people),
+                people, s, agreed, self._cameras.origins, missed=self._counts.missed, floor=floor_of(people, up), up=up,
                 known=returns,
             ):  # fmt: skip
                 self._identities.confirm(people, row, at_s, agreed, kernels.forget)
+        due = self._looks % LOOK_UP_EVERY == 0 or not self._vertical.compared
+        if due and self._vertical.update(people):
+            self._use_vertical()
         self._look_for_strangers(pixels, rays, delivered)
         self._hands.update(instant, matches, people, self._markers.take(instant.at_ns, self._column))
         if math.isnan(self._began_s):

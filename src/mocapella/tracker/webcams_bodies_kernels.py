@@ -37,6 +37,8 @@ HELD_SD_M = 0.2
 """Standard deviation of the body's distance in an instant before the correction by heights [m]."""
 MOST_HELD_M = 0.1
 """Largest correction of the distance in an instant [m]."""
+APPROACH_M_S = 2.0
+"""Largest speed at which a person whom one camera sees comes nearer to it or goes away [m/s]."""
 DISTANCE_SD = 0.04
 """Standard deviation of the distance of a person whom one camera sees [ratio]."""
 STEADY = np.array([
@@ -48,6 +50,8 @@ TURN_WEIGHT_OF_ONE = 0.05
 """The same where one camera alone tells the sides."""
 SIDES_APART = 8.0
 """Mean squared angle between left and right joints, in variances of a ray, above which a detection tells the sides."""
+MOST_APART = 80.0
+"""The same above which it tells them no better."""
 MOST_TURNED = 0.6
 """Share of swapped detections above which the person is swapped."""
 SHOULDERS, HIPS = (
@@ -137,8 +141,9 @@ def twisted(positions: Float64) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def tells_sides(positions: Float64, rays: Rays, d: int, origin: Float64) -> bool:
-    """Return whether a detection can tell left from right of a person: the two sides are apart in the image.
+def sides_apart(positions: Float64, rays: Rays, d: int, origin: Float64) -> float:
+    """Return how far apart left and right of a person are in the image of a detection: the mean squared angle between
+    left and right joints, in variances of a ray. A detection with both sides at one place cannot tell them.
 
     Args:
         positions: (26, 3) joints of the person, world [m].
@@ -159,7 +164,7 @@ def tells_sides(positions: Float64, rays: Rays, d: int, origin: Float64) -> bool
         if across >= 0.0:
             total += across / (rays.sds_rad[d, j] * rays.sds_rad[d, j])
             weight += 1.0
-    return bool(total > SIDES_APART * weight)
+    return total / weight if weight > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -167,28 +172,32 @@ def turn(people: PeopleArrays, p: int, rays: Rays, origins: Float64, matches: Ma
     """Return whether a person must begin anew: 1 with left and right exchanged, 2 as the detections are, 0 if not.
 
     So a person recovers who began from swapped detections, which most detections contradict (1), or from a detection
-    with left and right exchanged in one half of the body (2). Detections with left and right at the same place
-    do not count.
+    with left and right exchanged in one half of the body (2). Detections count by how far apart left and right are,
+    and do not count with both at the same place.
 
     Args:
         people, rays, matches: see the module; the flags of the person's detections are exchanged (1), or cleared (2).
         p: row of the person.
         origins: (cameras, 3) centres of the cameras, world [m].
     """
-    swapped, count = 0.0, 0.0
+    swapped, every, count = 0.0, 0.0, 0
     sided = np.zeros(len(matches.person), np.bool_)
     for d in range(len(matches.person)):
+        apart = 0.0
         if matches.person[d] == p or matches.explained[d] == p:
-            sided[d] = matches.swapped[d] or tells_sides(people.positions[p], rays, d, origins[rays.camera[d]])
+            apart = sides_apart(people.positions[p], rays, d, origins[rays.camera[d]])
+            sided[d] = matches.swapped[d] or apart > SIDES_APART
         if matches.person[d] == p and sided[d]:
-            swapped += matches.swapped[d]
-            count += 1.0
+            clear = min(max(apart, SIDES_APART), MOST_APART)
+            swapped += clear * matches.swapped[d]
+            every += clear
+            count += 1
     halves = twisted(people.positions[p])
-    if count == 0.0 and not halves:
+    if count == 0 and not halves:
         return 0
-    weight = max(1.0 / (people.hits[p] + 1.0), TURN_WEIGHT if count > 1.0 or halves else TURN_WEIGHT_OF_ONE)
-    people.turned[p] += weight * ((1.0 if halves else swapped / count) - people.turned[p])
-    if people.turned[p] < MOST_TURNED or (2.0 * swapped <= count and not halves):
+    weight = max(1.0 / (people.hits[p] + 1.0), TURN_WEIGHT if count > 1 or halves else TURN_WEIGHT_OF_ONE)
+    people.turned[p] += weight * ((1.0 if halves else swapped / every) - people.turned[p])
+    if people.turned[p] < MOST_TURNED or (2.0 * swapped <= every and not halves):
         return 0
     people.turned[p] = 0.0
     for d in range(len(matches.person)):
@@ -198,9 +207,39 @@ def turn(people: PeopleArrays, p: int, rays: Rays, origins: Float64, matches: Ma
 
 
 @njit(cache=True, error_model="numpy")
+def limit_approach(model: Any, people: PeopleArrays, p: int, origin: Float64, before: Float64, most_m: float) -> None:
+    """Limit how far a person whom one camera sees moves along the line from the camera, in one instant.
+
+    A camera alone sees no distance, and wrong keypoints make a body seem larger or smaller.
+
+    Args:
+        model, people: see the module; the body is corrected.
+        p: row of the person.
+        origin: (3,) centre of the camera, world [m].
+        before: (3,) root of the body in the last instant, world [m].
+        most_m: largest distance [m].
+    """
+    root, far, along = model.layout.angles, 0.0, 0.0
+    for k in range(3):
+        far += (before[k] - origin[k]) ** 2
+        along += (people.rows[p, root + k] - before[k]) * (before[k] - origin[k])
+    far = math.sqrt(far)
+    along /= far
+    excess = along - min(max(along, -most_m), most_m)
+    if not abs(excess) > 0.0:  # also if it is not known
+        return
+    for k in range(3):
+        moved = excess * (before[k] - origin[k]) / far
+        people.rows[p, root + k] -= moved
+        for j in range(JOINTS):
+            people.positions[p, j, k] -= moved
+
+
+@njit(cache=True, error_model="numpy")
 def hold_distance(
-    model: Any, people: PeopleArrays, p: int, origin: Float64, joints: Int64, directions: Float64, sds_rad: Float64
-) -> None:
+    model: Any, people: PeopleArrays, p: int, origin: Float64, joints: Int64, directions: Float64, sds_rad: Float64,
+    up: Float64,
+) -> None:  # fmt: skip
     """Correct the distance of a person whom one camera sees by the heights that the joints had.
 
     A ray that is not level meets the height of its joint at one distance. The body moves along the line from the camera
@@ -214,16 +253,19 @@ def hold_distance(
         joints: (n,) the joint of each ray.
         directions: (≥ n, 3) unit directions of the rays.
         sds_rad: (≥ n,) their standard deviations [rad].
+        up: (3,) upward direction, world.
     """
+    own = origin[0] * up[0] + origin[1] * up[1] + origin[2] * up[2]
     weight, total, count, root = 0.0, 0.0, 0.0, model.layout.angles
     for i in range(len(joints)):
-        j, fall, s = joints[i], directions[i, 1], 0.0
+        j, s = joints[i], 0.0
+        fall = directions[i, 0] * up[0] + directions[i, 1] * up[1] + directions[i, 2] * up[2]
         if not STEADY[j] or math.isnan(people.heights[p, j]) or abs(fall) < LEAST_FALL:
             continue
         for k in range(3):
             s += directions[i, k] * (people.positions[p, j, k] - origin[k])
         variance = people.height_variances[p, j] + LEAST_HEIGHT_SD_M**2 + (sds_rad[i] * s) ** 2
-        away = (people.heights[p, j] - origin[1]) / fall
+        away = (people.heights[p, j] - own) / fall
         if away > 0.0:
             weight += fall * fall / variance
             total += fall * fall / variance * (away - s)
@@ -296,6 +338,7 @@ def correct(
     origins, directions = np.empty((size, 3)), np.empty((size, 3))
     sds, after_s, weights = np.empty(size), np.empty(size), np.empty(size)
     agreeing, taken = np.empty(len(counts.agreed)), np.empty(len(counts.agreed))
+    before, root = np.empty(3), model.layout.angles
     for p in range(len(people.ids)):
         if people.ids[p] == NO_PERSON:
             continue
@@ -317,6 +360,8 @@ def correct(
         for j in range(JOINTS):
             people.support[p, j] = 0
         if n > 0:
+            for k in range(3):
+                before[k] = people.rows[p, root + k]
             known = correct_by_rays(
                 model, people.rows[p], at_s, joints[:n], origins[:n], directions[:n], sds[:n], after_s[:n],
                 weights[:n], people.positions[p], people.covariances[p], people.support[p],
@@ -338,9 +383,11 @@ def correct(
                 if views >= 2:
                     compare_cameras(people, p, n, joints, camera, directions, sds, after_s, cameras, counts)
                 elif views == 1 and people.hits[p] > 0 and at_s > people.agreed_s[p]:
-                    hold_distance(model, people, p, cameras.origins[camera[0]], joints[:n], directions, sds)
+                    most_m = APPROACH_M_S * (at_s - people.at_s[p])
+                    limit_approach(model, people, p, cameras.origins[camera[0]], before, most_m)
+                    hold_distance(model, people, p, cameras.origins[camera[0]], joints[:n], directions, sds, cameras.up)
         mark_agreed(camera, weights, n, gates.least_joints, agreed[p])
-        judge(people, p, at_s, views, gates)
+        judge(people, p, at_s, views, gates, cameras.up)
         if views >= 3 and people.doubts[p] == 0:
             for c in range(len(taken)):
                 agreeing[c] = taken[c] = 0.0

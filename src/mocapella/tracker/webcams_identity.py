@@ -40,7 +40,7 @@ STEADY_SD_M: Final = 0.15
 STANDING_S: Final = 0.6
 """Time for which two cameras see a candidate who stands on the floor [s]."""
 LEAST_UPRIGHT: Final = 0.9
-"""Cosine of the angle between people, from ankles to neck, and world y, below which the floor is not known."""
+"""Cosine of the angle between people, from ankles to neck, and the vertical, below which the floor is not known."""
 FLOOR_M: Final = 0.2
 """Distance of the lower ankle from that of other people, besides its standard deviation, of who stands [m]."""
 _NECK: Final = topology("halpe_26").index("Neck")
@@ -174,7 +174,7 @@ MEMORY: Final = ("_next", "_lost")
 
 def ready(
     people: PeopleArrays, settings: WebcamsSettings, agreed: Bools, origins: Float64, *, missed: Float64,
-    floor: float, known: Callable[[int], bool],
+    floor: float, up: Float64, known: Callable[[int], bool],
 ) -> list[int]:  # fmt: skip
     """Return the rows of candidates to confirm, in the order of their rows.
 
@@ -191,6 +191,7 @@ def ready(
         origins: (cameras, 3) centres of the cameras, world [m].
         missed: (cameras,) share of people whom a camera misses, see `CameraCounts`.
         floor: see `floor_of` [m].
+        up: (3,) upward direction, world.
         known: tells whether the candidate of a row is a lost person.
     """
     found, trust = [], np.maximum(1.0 - missed / MOST_MISSED, 0.0)
@@ -198,7 +199,7 @@ def ready(
         views, hits = int(agreed[row].sum()), int(people.hits[row])
         sure, third = (int((people.support[row] >= count).sum()) for count in (settings.sure_cameras, 3))
         walked = hits >= LONG_SEEN and float(people.roamed[row]) >= ROAMED_M
-        real = walked or _stands(people, row, floor)
+        real = walked or _stands(people, row, floor, up)
         narrow = len(origins) > 2 and not _crossing(_place(people, row), origins[agreed[row]], real=real)
         doubtful = float(np.nansum(trust * people.refuted[row])) >= MOST_REFUTED * views and not walked
         if (doubtful or narrow) and hits >= settings.confirm_instants and known(row):
@@ -223,22 +224,22 @@ def _crossing(place: Float64, origins: Float64, *, real: bool) -> bool:
     return bool(sines.max(initial=0.0) >= LEAST_SINE or (real and beside.any()))
 
 
-def floor_of(people: PeopleArrays) -> float:
-    """Return the height of the ankles of people who are well known, world y [m].
+def floor_of(people: PeopleArrays, up: Float64) -> float:
+    """Return the height of the ankles of people who are well known, along the upward direction ``up`` (3,) [m].
 
-    NaN if nobody is well known, or if people do not stand along y, as in worlds with another vertical.
+    NaN if nobody is well known, or if people do not stand along it.
     """
     rows = np.flatnonzero((people.ids >= 0) & (people.sure >= LONG_SEEN))
     joints = people.positions[rows]
-    up = np.nanmean(joints[:, _NECK] - joints[:, _ANKLES].mean(axis=1), axis=0) if len(rows) else np.zeros(3)
+    mean = np.nanmean(joints[:, _NECK] - joints[:, _ANKLES].mean(axis=1), axis=0) if len(rows) else np.zeros(3)
     steady = people.height_variances[rows][:, _ANKLES] < STEADY_SD_M**2
     heights = people.heights[rows][:, _ANKLES][steady]
     heights = heights[np.isfinite(heights)]
-    upright = up[1] > LEAST_UPRIGHT * np.linalg.norm(up)
+    upright = mean @ up > LEAST_UPRIGHT * np.linalg.norm(mean)
     return float(np.median(heights)) if upright and len(heights) else math.nan
 
 
-def _stands(people: PeopleArrays, row: int, floor: float) -> bool:
+def _stands(people: PeopleArrays, row: int, floor: float, up: Float64) -> bool:
     """Return whether two cameras see a candidate for some time, with the lower ankle at the height of other people's.
 
     The place where the rays of two strangers on one line meet is nearer or farther than these, so its feet are not on
@@ -246,9 +247,9 @@ def _stands(people: PeopleArrays, row: int, floor: float) -> bool:
     """
     if people.hits[row] < LONG_SEEN or people.at_s[row] - people.born_s[row] < STANDING_S:
         return False
-    heights = people.positions[row, _ANKLES, 1]
+    heights = people.positions[row, _ANKLES] @ up
     low = int(np.argmin(heights))
-    sd = math.sqrt(people.covariances[row, _ANKLES[low], 1, 1])
+    sd = math.sqrt(up @ people.covariances[row, _ANKLES[low]] @ up)
     return bool(abs(heights[low] - floor) <= FLOOR_M + sd)
 
 

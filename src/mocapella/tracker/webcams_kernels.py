@@ -112,7 +112,7 @@ def begin(
         )  # fmt: skip
         if made:
             people.ids[p], people.born_s[p], people.at_s[p] = CANDIDATE, at_s, at_s
-            judge(people, p, at_s, views, gates)
+            judge(people, p, at_s, views, gates, cameras.up)
             mark_agreed(camera, weights, n, gates.least_joints, agreed[p])
         if not made or people.hits[p] == 0:
             forget(people, p)

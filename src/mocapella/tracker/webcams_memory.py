@@ -32,6 +32,8 @@ LEAST_TIME_SD_S: Final = 1e-6
 """Standard deviation of times that are called exact [s]."""
 MOST_MISSED: Final = 0.4
 """Largest share of missed people of a camera that still tells whether a person is there."""
+FIRST_HEIGHT_SD_M: Final = 0.2
+"""Standard deviation of a joint's height after one instant [m]."""
 
 
 class PeopleArrays(NamedTuple):
@@ -67,7 +69,7 @@ class PeopleArrays(NamedTuple):
             coordinate [m²/s²]; NaN before the first.
         lengths: (people, bones) running mean of the bones' lengths [m]; NaN where not measured.
         lengths_seen: (people, bones) number of their measurements.
-        heights: (people, 26) running mean of the joints' heights, world y, while two cameras agree [m]; NaN at first.
+        heights: (people, 26) running mean of the joints' heights, upward, while two cameras agree [m]; NaN at first.
         height_variances: (people, 26) their running variance [m²].
     """
 

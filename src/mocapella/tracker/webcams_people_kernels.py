@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import BONES, JOINTS, KeypointGates
 from mocapella.association.new_people_kernels import plausible
 from mocapella.compiled import njit
-from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, NO_PERSON, ROAMED_M, PeopleArrays
+from mocapella.tracker.webcams_memory import (
+    CANDIDATE,
+    FIRST_HEIGHT_SD_M,
+    LONG_SEEN,
+    MOST_MISSED,
+    NO_PERSON,
+    ROAMED_M,
+    PeopleArrays,
+)
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -39,8 +47,6 @@ LEAST_SURE = 3
 """Number of instants when three cameras agree about a person, after which two suffice."""
 HEIGHT_WEIGHT = 0.03
 """Least weight of an instant in the running mean of a joint's height."""
-FIRST_HEIGHT_SD_M = 0.2
-"""Standard deviation of a joint's height after one instant [m]."""
 LEAST_REFUTING = 1.0
 """Number of cameras that see no person at a place, below which a person whom no camera sees may be hidden."""
 VAGUE_M = 0.35
@@ -137,16 +143,17 @@ def ran_away(people: PeopleArrays, p: int, at_s: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def learn_heights(people: PeopleArrays, p: int, measured: Float64) -> None:
+def learn_heights(people: PeopleArrays, p: int, measured: Float64, up: Float64) -> None:
     """Update the mean and the variance of the joints' heights.
 
     Args:
         people: see the module.
         p: row of the person.
         measured: (26, 3) joints that two cameras see, world [m]; NaN for others.
+        up: (3,) upward direction, world.
     """
     for j in range(JOINTS):
-        height = measured[j, 1]
+        height = measured[j, 0] * up[0] + measured[j, 1] * up[1] + measured[j, 2] * up[2]
         if math.isnan(height):
             continue
         if math.isnan(people.heights[p, j]):
@@ -159,7 +166,7 @@ def learn_heights(people: PeopleArrays, p: int, measured: Float64) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: KeypointGates) -> None:
+def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: KeypointGates, up: Float64) -> None:
     """Count whether the cameras agree about a person, after the body's correction, and learn the bones' lengths.
 
     Args:
@@ -168,6 +175,7 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
         at_s: time of the instant [s].
         views: number of cameras that saw the person.
         gates: thresholds.
+        up: (3,) upward direction, world.
     """
     agreeing, sure = 0, 0
     measured, sds = np.full((JOINTS, 3), math.nan), np.full(JOINTS, math.nan)
@@ -200,7 +208,7 @@ def judge(people: PeopleArrays, p: int, at_s: float, views: int, gates: Keypoint
             people.first_place[p, k] = people.agreed_place[p, k]
         apart += (people.agreed_place[p, k] - people.first_place[p, k]) ** 2
     people.roamed[p] = max(people.roamed[p], math.sqrt(apart))
-    learn_heights(people, p, measured)
+    learn_heights(people, p, measured, up)
     for b in range(len(BONES)):
         i, j = BONES[b, 0], BONES[b, 1]
         x, y, z = (measured[i, 0] - measured[j, 0], measured[i, 1] - measured[j, 1], measured[i, 2] - measured[j, 2])

@@ -38,6 +38,16 @@ from mocapella.sources.simulate.keypoint_body import (
 )
 from mocapella.sources.simulate.keypoint_errors import ErrorTables, bin_of, detector_errors
 from mocapella.sources.simulate.keypoint_faults import KeypointFaults
+from mocapella.sources.simulate.keypoint_parts import (
+    LIMBS,
+    REACH,
+    PartDraws,
+    furniture,
+    lower_part,
+    snap,
+    split,
+    take_limbs,
+)
 from mocapella.sources.simulate.motion import Ensemble, normalised
 from mocapella.sources.simulate.occlusion import Obstacles, hidden, obstacles
 
@@ -51,14 +61,6 @@ _LOWER: Final = np.array([GROUPS[g] in ("hip", "knee", "ankle", "foot") for g in
 LEGS: Final = np.array([GROUPS[g] in ("knee", "ankle", "foot") for g in group_of()])
 """Whether each keypoint (26,) is of a leg below the hip."""
 _MIRROR: Final = np.array(HALPE.mirror)
-_LIMBS: Final = tuple(
-    np.array([HALPE.index(f"{side}{name}") for name in names])
-    for side in "LR"
-    for names in (("Elbow", "Wrist"), ("Knee", "Ankle", "BigToe", "SmallToe", "Heel"))
-)
-"""Keypoints of each arm and leg below the shoulder and the hip."""
-_REACH: Final = 0.4
-"""Mean distance of two people's keypoints in an image below which they may exchange a limb, relative to the size."""
 _CLOSE: Final = 0.12
 """Mean distance of two people's keypoints in an image below which they may be merged, relative to the size."""
 _FALSE_CONFIDENCE: Final = (0.05, 0.45)
@@ -213,7 +215,7 @@ class SimulatedKeypointCamera:
         self.topology: Topology = named_topology(settings.topology)
         self._weights = keypoint_weights(settings.topology)
         self._rng = np.random.default_rng([seed, 1, index])
-        self._key, self._more_key = [seed, 2, index], [seed, 6, index]
+        self._key, self._more_key, self._part_key = [seed, 2, index], [seed, 6, index], [seed, 12, index]
         self._eye = inverse(placed.T_camera_world)[:3, 3]
         own = self._rng.normal(0.0, settings.known_clock_sd_s) if settings.known_clock_sd_s else 0.0
         count = max(0, int(np.ceil((duration_s - settings.phase_s) * settings.hz)))
@@ -279,6 +281,20 @@ class SimulatedKeypointCamera:
         error_px = slow + np.sqrt(1 - data.slow) * rng.standard_normal((*shape, 2))
         unrelated, exchanged, limb = (self._lasting(some, gap, rng) for some in (shape, shape[:2], shape[:2]))
         return _MoreDraws(error_px, unrelated, exchanged, limb)
+
+    @cached_property
+    def _part_draws(self) -> PartDraws | None:
+        """Random numbers of `keypoint_parts`, of their own generator; None without these faults."""
+        faults = self.settings.faults
+        if not faults.taken_limbs + faults.split + faults.snapped + faults.furniture > 0:
+            return None
+        rng, gap = np.random.default_rng(self._part_key), faults.missed_s * self.settings.hz
+        frames, bodies = len(self._room_ns), self._bodies
+        shape, places = (frames, bodies, len(HALPE)), int(rng.poisson(faults.furniture))
+        snapped, where, person = (ndtr(self._lasting(some, gap, rng)) for some in (shape, shape, (frames, bodies, 3)))
+        shapes = rng.normal(0.0, 0.06, (places, len(HALPE), 2))
+        there = ndtr(self._lasting((frames, places), gap, rng))
+        return PartDraws(snapped, where, person, rng.uniform(0.0, 1.0, (places, 3)), shapes, there)
 
     def _lasting(self, shape: tuple[int, ...], frames: float, rng: np.random.Generator | None = None) -> Float64:
         """Gaussian numbers with a time constant in frames along the first axis."""
@@ -388,10 +404,14 @@ class SimulatedKeypointCamera:
             order = np.where(LEGS, _MIRROR, np.arange(len(HALPE)))
             pixels[i], confidences[i] = pixels[i][order], confidences[i][order]
         self._exchange_limbs(k, seen, there, pixels, confidences)
+        parts = self._part_draws
+        if parts is not None:
+            take_limbs(parts, k, faults, pixels, confidences, true=seen.pixels, sizes=seen.sizes, there=there)
         self._merge(seen, chance[:, 3] < faults.merged, there, pixels, confidences)
         found = np.flatnonzero(there & np.isfinite(pixels[..., 0]).any(axis=1))
-        rows, sure, owners = [pixels[found]], [confidences[found]], [numbers[found]]
-        flags = [(swapped | legs)[found]]
+        more = self._parts(k, found, numbers, pixels, confidences)
+        rows, sure, owners = [pixels[found], more[0]], [confidences[found], more[1]], [numbers[found], more[2]]
+        flags = [(swapped | legs)[found], np.zeros(len(more[2]), dtype=np.bool_)]
         for i in found[chance[found, 4] < faults.duplicates]:
             half = _LOWER if rng.random() < 0.5 else ~_LOWER
             again = np.where(half[:, None], pixels[i] + rng.normal(0, 0.015 * seen.sizes[i], (len(HALPE), 2)), np.nan)
@@ -407,6 +427,24 @@ class SimulatedKeypointCamera:
             flags.append(np.zeros(1, dtype=np.bool_))
         return np.concatenate(rows), np.concatenate(sure), np.concatenate(owners), np.concatenate(flags)
 
+    def _parts(
+        self, k: int, found: Int64, numbers: Int64, pixels: Float64, confidences: Float64
+    ) -> tuple[Float64, Float64, Int64]:
+        """Detections of second parts of people, and of furniture: pixels, confidences and owners; see `keypoint_parts`.
+
+        The legs of people in two parts are taken out of ``pixels`` and ``confidences``.
+        """
+        draws, made, owners = self._part_draws, list[tuple[Float64, Float64]](), list[int]()
+        if draws is not None:
+            halves = split(draws, k, self.settings.faults, found)
+            made = [lower_part(pixels[i], confidences[i]) for i in halves]
+            things = furniture(draws, k, self.placed.camera.size_px, _UPRIGHT)
+            owners = [*numbers[halves].tolist(), *[PHANTOM] * len(things)]
+            made += things
+        places = np.array([one for one, _ in made]).reshape(len(made), len(HALPE), 2)
+        sure = np.array([one for _, one in made]).reshape(len(made), len(HALPE))
+        return places, sure, np.array(owners, dtype=np.int64)
+
     def _noisy(self, k: int, seen: _Bodies) -> tuple[Float64, Float64]:
         """Keypoints with errors, and their confidences; NaN and 0 where not reported."""
         tables, faults, draws = self.tables, self.settings.faults, self._draws
@@ -420,6 +458,8 @@ class SimulatedKeypointCamera:
         some = ndtr(draws.taken[k]) < faults.taken
         taken = (seen.states == 2) & some & np.isfinite(front[..., 0])  # the same keypoint of the person in front
         at = np.where(taken[..., None], front, seen.pixels)
+        if self._part_draws is not None:
+            snap(self._part_draws, k, faults, np.where(taken, 0, seen.states), at)
         pixels = at + draws.error[k] * (sd * seen.sizes[:, None])[..., None]
         more = self._more_draws
         if more is not None:
@@ -453,9 +493,9 @@ class SimulatedKeypointCamera:
             apart[i] = np.inf
             apart[~there] = np.inf
             j = int(np.argmin(apart))
-            if not apart[j] < _REACH * seen.sizes[i]:
+            if not apart[j] < REACH * seen.sizes[i]:
                 continue
-            limb = _LIMBS[min(int(ndtr(more.limb[k, i]) * len(_LIMBS)), len(_LIMBS) - 1)]
+            limb = LIMBS[min(int(ndtr(more.limb[k, i]) * len(LIMBS)), len(LIMBS) - 1)]
             for values in (pixels, confidences):
                 values[i, limb], values[j, limb] = values[j, limb].copy(), values[i, limb].copy()
 

@@ -36,6 +36,13 @@ class KeypointFaults:
             image; larger: less accurate [px].
         exchanged_limbs: probability that two people whose keypoints are close in the image exchange an arm or a leg;
             larger: more [ratio].
+        taken_limbs: probability that a person gets an arm or a leg of a person nearby, who then lacks it; larger: more
+            [ratio].
+        split: probability that a person is detected in two parts, above and below the hips; larger: more [ratio].
+        snapped: probability that a keypoint that furniture or a person hides is reported on the way to the next visible
+            keypoint of the limb, as at the edge of a table; larger: more [ratio].
+        furniture: mean number of places of an image where a person seems to be at times, such as a coat on a chair;
+            larger: more [1/image].
         unrelated_confidences: probability that a keypoint's confidence has nothing to do with its error; larger: more
             [ratio].
         step_px: coordinates are rounded to multiples of it, 0 for none; larger: coarser [px].
@@ -59,6 +66,10 @@ class KeypointFaults:
     false_per_image: float = 0.05
     noise_px: float = 0.0
     exchanged_limbs: float = 0.0
+    taken_limbs: float = 0.0
+    split: float = 0.0
+    snapped: float = 0.0
+    furniture: float = 0.0
     unrelated_confidences: float = 0.0
     step_px: float = 0.0
     least_px: float = 25.0
@@ -67,13 +78,14 @@ class KeypointFaults:
         for name in ("noise", "hidden_noise"):
             check(0 <= getattr(self, name) <= 20, name, getattr(self, name), "from 0 to 20")
         shares = ("hidden_missing", "taken", "legs_mirrored", "merged", "duplicates")
-        for name in (*shares, "exchanged_limbs", "unrelated_confidences"):
+        for name in (*shares, "exchanged_limbs", "taken_limbs", "split", "snapped", "unrelated_confidences"):
             check(0 <= getattr(self, name) <= 1, name, getattr(self, name), "from 0 to 1")
         for name in ("mirrored", "missed"):
             check(all(0 <= one <= 1 for one in getattr(self, name)), name, getattr(self, name), "each from 0 to 1")
         for name in ("mirrored_s", "missed_s"):
             check(0 < getattr(self, name) <= 60, name, getattr(self, name), "above 0 and at most 60 s")
         check(0 <= self.false_per_image <= 20, "false_per_image", self.false_per_image, "from 0 to 20")
+        check(0 <= self.furniture <= 20, "furniture", self.furniture, "from 0 to 20")
         check(0 <= self.noise_px <= 64, "noise_px", self.noise_px, "from 0 to 64 px")
         check(0 <= self.step_px <= 64, "step_px", self.step_px, "from 0 to 64 px")
         check(0 <= self.least_px <= 1000, "least_px", self.least_px, "from 0 to 1000 px")
