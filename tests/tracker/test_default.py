@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,6 +20,7 @@ from mocapella.model.session import SensorPose
 from mocapella.schema import encode_scene
 from mocapella.testing.walking import frame_of, walking_arrivals
 from mocapella.tracker import make_tracker
+from mocapella.tracker.arrivals import Heard
 from mocapella.tracker.default import DefaultTracker
 from mocapella.tracker.default_settings import DefaultSettings
 from mocapella.tracker.people import SMOOTHING, People, PeopleSettings
@@ -399,15 +401,54 @@ def test_people_stay_in_the_space_of_the_sensor_that_sees_them_while_others_are_
     run(tracker, frames({1: Walker(speed=0.0)}, 1.0, {"front": FRONT}))
     assert [person.id for person in tracker._shown] == [0]
     front = placed("front", trusted=False)
-    alone = calibrated(placed("back", root="side"), placed("side", root="side"), front)
-    assert tracker._choose_root(alone) == "front"
+    alone, all_speak = (
+        calibrated(placed("back", root="side"), placed("side", root="side"), front),
+        heard_of("front", "side"),
+    )
+    assert tracker._choose_root(alone, all_speak) == "front"
     tracker._now_s += DefaultSettings().keep_root_s
-    assert tracker._choose_root(alone) == "back"
+    assert tracker._choose_root(alone, all_speak) == "back"
     tied = calibrated(*(placed(name, root="side") for name in ("back", "front", "side")))
-    assert tracker._choose_root(tied) == "side"  # who is tied to it moves along
+    assert tracker._choose_root(tied, all_speak) == "side"  # who is tied to it moves along
     nobody = DefaultTracker(sensors_expected=3)
     run(nobody, frames({}, 1.0, {"front": FRONT}))
-    assert nobody._choose_root(alone) == "back"
+    assert nobody._choose_root(alone, all_speak) == "back"
+
+
+def test_a_root_that_is_silent_for_long_is_replaced_by_a_trusted_sensor() -> None:
+    tracker = DefaultTracker(sensors_expected=2)
+    run(tracker, frames({1: Walker(speed=0.0)}, 1.0, {"front": FRONT}))
+    two = calibrated(placed("front"), placed("side"))
+    assert tracker._choose_root(two, heard_of("side")) == "front"
+    tracker._now_s += DefaultSettings().keep_root_s / 2
+    assert tracker._choose_root(two, heard_of("side", "front")) == "front"  # it speaks again
+    tracker._now_s += DefaultSettings().keep_root_s / 2
+    assert tracker._choose_root(two, heard_of("side")) == "front"
+    tracker._now_s += DefaultSettings().keep_root_s + 0.1
+    assert tracker._choose_root(calibrated(placed("front"), placed("side", trusted=False)), heard_of("side")) == "front"
+    assert tracker._choose_root(two, heard_of("side")) == "side"
+
+
+def test_people_of_a_sensor_that_left_disappear_and_those_of_another_one_are_shown_in_time() -> None:
+    """The two sensors were never calibrated relative to each other."""
+    tracker = DefaultTracker(DefaultSettings(keep_root_s=3.0), sensors_expected=1)
+    run(tracker, frames({0: Walker()}, 2.0, {"one": FRONT}))
+    scenes = run(tracker, frames({5: Walker(centre=(0.5, 3.9))}, 8.0, {"two": LEFT}, 2.5))
+    shown = [
+        (scene.at_ns / 1e9, [(len(one.views), int((one.states == 2).sum())) for one in scene.people])
+        for scene in scenes
+    ]
+    assert not [at_s for at_s, people in shown if 3.6 < at_s < 5.0 and people]
+    last = shown[-1][1]
+    assert len(last) == 1
+    assert last[0][0] == 1
+    assert last[0][1] > 0
+
+
+def heard_of(*names: str) -> Heard:
+    """The newest frames of sensors, the first of which has sent its own now."""
+    newest: dict[str, Any] = dict.fromkeys(names)
+    return Heard("", names[0], False, newest)
 
 
 def calibrated(*sensors: CalibratedSensor) -> PeopleState:

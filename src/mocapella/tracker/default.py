@@ -245,7 +245,7 @@ class DefaultTracker:
         sighting = self._without_jumps(heard.newest[heard.sensor], self._people)
         corrections = self._corrections(sighting, self._people)
         self._calibrate(sighting, heard, corrections)
-        self._track(sighting, self._people, corrections)
+        self._track(sighting, heard, self._people, corrections)
         self._approach_known_poses()
         self._state = self._stand(heard)
         self._shown = self._show(heard, self._people)
@@ -318,7 +318,7 @@ class DefaultTracker:
         self._conditions = "; ".join(state.conditions)
         if self._root in heard.newest and self._root not in sensors:
             return  # the calibration began again, and its next frame is still to come
-        root = self._choose_root(state)
+        root = self._choose_root(state, heard)
         if root != self._root:
             if self._root in sensors and self._people is not None and sensors[self._root].trusted:
                 T_root_old = inverse(sensors[root].T_world_sensor) @ sensors[self._root].T_world_sensor
@@ -364,33 +364,42 @@ class DefaultTracker:
             self._people.move_sensors(list(compress(names, moved.tolist())), new[moved] @ inverse(old[moved]))
         self._views, self._places = None, self._sensor_places()
 
-    def _choose_root(self, state: PeopleState) -> str:
-        """Return the root sensor, whose space defines the world: that of the old component, unless one is larger."""
+    def _choose_root(self, state: PeopleState, heard: Heard) -> str:
+        """Return the root sensor, whose space defines the world.
+
+        It is that of the old component, unless one is larger, or all sensors of the old one have long been silent.
+        """
         sensors, tied = state.sensors, state.trusted_by_root
         most = max(tied.values(), key=len, default=[])
         if self._root not in sensors:
             return most[0] if most else next(iter(sensors))
         own = tied.get(sensors[self._root].root, [])
-        if len(most) < 2 or (self._root in own and len(own) == len(most)):
+        largest = len(most) < 2 or (self._root in own and len(own) == len(most))
+        silent = heard.newest.keys().isdisjoint((self._root, *own))
+        if largest and not silent:
             self._outvoted_s = None
             root = sensors[self._root].root  # with another, all people would jump in the world as poses are refined
             return root if {root, self._root} <= set(own) else self._root
         # A change would lose the visible people; usually the root is tied to the others a little later.
         self._outvoted_s = self._now_s if self._outvoted_s is None else self._outvoted_s
-        seen = self._tracks.memory.present.any()
-        if self._root not in own and seen and self._now_s - self._outvoted_s < self.settings.keep_root_s:
+        waits = largest or (self._root not in own and self._tracks.memory.present.any())
+        waits = waits and self._now_s - self._outvoted_s < self.settings.keep_root_s
+        if waits or (largest and not sensors[heard.sensor].trusted):
             return self._root
         self._outvoted_s = None
-        return most[0]
+        return sensors[heard.sensor].root if largest else most[0]
 
-    def _track(self, sighting: Sighting, people: People, corrections: Float64 | None) -> None:
-        """Assign the bodies to people and update all people; does nothing where the sensor's pose is not known."""
+    def _track(self, sighting: Sighting, heard: Heard, people: People, corrections: Float64 | None) -> None:
+        """Assign the bodies to people and update all people; does nothing where the sensor's pose is not known.
+
+        The time of such a sensor, whose clock is not known either, counts only while all others are silent.
+        """
         bodies, sensor = sighting.bodies, sighting.bodies.sensor
-        T = self._T_root_sensor.get(sensor)
+        T, at_s = self._T_root_sensor.get(sensor), self._common_s(sighting)
+        if T is not None or heard.newest.keys().isdisjoint(self._T_root_sensor):
+            self._now_s = max(self._now_s, at_s)
         if T is None:
             return
-        at_s = self._common_s(sighting)
-        self._now_s = max(self._now_s, at_s)
         associate_and_fuse(self._tracks, people, sighting.frame, bodies, T, corrections, at_s=at_s, now_s=self._now_s)
 
     def _sensor_places(self) -> tuple[SensorPlace, ...]:

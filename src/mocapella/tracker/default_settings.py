@@ -31,7 +31,7 @@ class DefaultSettings:
         joint_bias: ``learnt`` subtracts the sensors' known joint bias, which depends on people's facing; ``none`` does
             not.
         keep_root_s: time for which the root sensor, whose space defines the world, is kept while others are calibrated
-            relative to each other but not yet to it; larger: the world changes more rarely [s].
+            relative to each other but not yet to it, or while it is silent; larger: the world changes more rarely [s].
         arms: people's arms in depth cameras, and the poses of these cameras.
         bodies: body models fitted to cameras' images, and their assignment to people.
         shown_for_s: time for which an unseen person is reported, as predicted [s].
