@@ -37,5 +37,6 @@ def test_no_joint_of_the_other_side_is_suggested(name: str) -> None:
 def test_angles_keep_their_side_and_other_names_are_compared_as_before() -> None:
     assert one_of("knee_left", ["knee_angle_r", "knee_angle_l"]).endswith("(did you mean knee_angle_l?)")
     assert one_of("smothing", ["frames", "smoothing"]) == "frames, smoothing (did you mean smoothing?)"
+    assert one_of("rihgt", ["left", "right"]) == "left, right (did you mean right?)"
     assert one_of("zzz", ["frames", "smoothing"]) == "frames, smoothing"
     assert one_of("", []) == ""

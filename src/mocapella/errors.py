@@ -191,6 +191,8 @@ def _nearest(value: str, names: list[str]) -> list[str]:
     if not close or side:
         return close
     rest = words[close[0]] - _SIDES
+    if not rest:
+        return close
     both = [name for name in names if words[name] & _SIDES and words[name] - _SIDES == rest]
     return both if close[0] in both else close
 

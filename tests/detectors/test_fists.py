@@ -11,7 +11,7 @@ from benchmarks.arm_variety import FPS, OPENING, clip
 from mocapella.detectors import arm_track
 from mocapella.detectors.arm_finding import ArmFinder, Found
 from mocapella.detectors.arm_following import KinematicArmDetector
-from mocapella.detectors.arm_starts import arm_starts
+from mocapella.detectors.arm_starts import arm_starts, fists_behind_fingers
 from mocapella.detectors.arm_track import CameraArmTrack
 from mocapella.evaluation.arms import matched
 from mocapella.kinematics.arm_fit import ArmPose, Fitted, kernels
@@ -85,19 +85,18 @@ def test_a_fist_is_tried_although_ends_of_branches_are_seen() -> None:
     assert any(targets is None for _, targets in arm_starts(MODEL, candidate))
 
 
-@pytest.mark.parametrize("ends", [0, 2])
-def test_a_fist_whose_palm_faces_the_camera_is_also_started_behind_its_fingers(ends: int) -> None:
-    tips = np.array([[0.0, -0.09, 0.5], [0.02, -0.09, 0.5]])[:ends]
+@pytest.mark.parametrize("ends", [0, 1, 3, 4])
+def test_a_fist_whose_palm_faces_the_camera_may_be_started_behind_its_fingers(ends: int) -> None:
+    tips = np.array([[0.02 * k, -0.09, 0.5] for k in range(ends)]).reshape(-1, 3)
     candidate = PalmCandidate(
         np.array([0.0, 0.0, 0.5]), 0.035, np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0]), tips, np.zeros((0, 5))
     )
-    starts = [pose for pose, targets in arm_starts(MODEL, candidate) if targets is None]
-    back_z = np.array([pose.R.reshape(3, 3)[2, 1] for pose in starts])
-    depth_m = np.array([pose.t[2] for pose in starts]) - 0.5
-    assert (back_z > 0.9).any()
-    assert (depth_m[back_z > 0.9] > 0.04).any()  # the back points away from the camera
-    assert (depth_m[back_z > 0.9] < 0.02).any()
-    assert (depth_m[back_z < -0.9] < 0.02).all()
+    starts = list(fists_behind_fingers(MODEL, candidate))
+    assert bool(starts) == (ends < 4)
+    for pose in starts:
+        assert pose.R.reshape(3, 3)[2, 1] > 0.9  # the back points away from the camera
+        assert pose.t[2] - 0.5 > 0.04
+    assert all(pose.t[2] - 0.5 < 0.02 for pose, _ in arm_starts(MODEL, candidate))
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_only_a_sensor_layout_is_called_one(tmp_path: Path) -> None:
     note.write_text("a note", encoding="utf-8")
     with pytest.raises(InputError, match=r"hall\.json: is a sensor layout; use --set layout=FILE"):
         camera_rig([layout])
-    for path, said in ((note, "is no TOML"), (absent, "cannot be read"), (tmp_path, "holds no cameras")):
+    for path, said in ((note, "is no TOML"), (absent, "is not there"), (tmp_path, "holds no cameras")):
         with pytest.raises(InputError, match=said) as caught:
             camera_rig([path])
         assert str(path) in str(caught.value)

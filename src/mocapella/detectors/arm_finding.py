@@ -67,6 +67,10 @@ class Found(NamedTuple):
         return self.cost + self.missed
 
 
+Pool = list[tuple[Found, Tips]]
+"""Fits, and the targets of their fingertips."""
+
+
 @dataclass(frozen=True, eq=False)
 class ArmFinder:
     """Detects arms in a depth image by fitting models of both sides.
@@ -297,36 +301,32 @@ class ArmFinder:
         points = np.ascontiguousarray(part.points[:: max(-(-len(part.points) // _POINTS), 1)])
         weights = np.where(np.linalg.norm(points - candidate.centre, axis=1) < _ABOUT_M, 1.0, 0.4)
         evidence = ArmEvidence(points, weights, part.front, part.opposite, part.lens)
-        usual = [(side, *start) for side, model in self.models.items() for start in arm_starts(model, candidate)]
-        pool = yield from self._fitted(depth, part, evidence, usual)
+        started = yield from self._started(
+            evidence, [(side, *start) for side, model in self.models.items() for start in arm_starts(model, candidate)]
+        )
+        pool = yield from self._closer(depth, part, started)
         if not pool or min(one.cost for one, _ in pool) > _WELL:
             fists = [
                 (side, start, None)
                 for side, model in self.models.items()
                 for start in fists_behind_fingers(model, candidate)
             ]
-            pool += yield from self._fitted(depth, part, evidence, fists)
+            started += yield from self._started(evidence, fists)
+            pool = yield from self._closer(depth, part, started)
         best = []
         for one, _ in _of_each_side(pool, 1):
             if one.cost < _HOPELESS:
                 best.append((yield from self._repaired(depth, one, depth if whole is None else whole)))
         return [one for one in best if one.rank <= self.believe]
 
-    def _fitted(
-        self, depth: Float32, part: Region, evidence: ArmEvidence, starts: Sequence[tuple[Handedness, ArmPose, Tips]]
-    ) -> Steps[list[tuple[Found, Tips]]]:
-        """Fit arms from start poses, and the better ones again, in steps.
+    def _started(self, evidence: ArmEvidence, starts: Sequence[tuple[Handedness, ArmPose, Tips]]) -> Steps[Pool]:
+        """Fit arms from start poses with few iterations, in steps.
 
         Args:
-            depth: (height, width) [m].
-            part: the region of the palm.
-            evidence: the points of it that the first fits take.
-            starts: sides, poses, and target positions of fingertips, (5, 3) or None [m].
-
-        Returns:
-            The best fits of each side, and their targets.
+            evidence: the points.
+            starts: sides, poses, and target positions of fingertips.
         """
-        pool: list[tuple[Found, Tips]] = []
+        pool: Pool = []
         for side, start, tips in starts:
             model = self.models[side]
             fitted = model.fit(
@@ -334,6 +334,16 @@ class ArmFinder:
             )
             pool.append((Found(fitted.cost, side, fitted), tips))
             yield _work(evidence, 4)
+        return pool
+
+    def _closer(self, depth: Float32, part: Region, pool: Pool) -> Steps[Pool]:
+        """Fit the better ones of some fits again, in rounds of fewer fits and more points, in steps.
+
+        Args:
+            depth: (height, width) [m].
+            part: the region of the palm.
+            pool: the fits, and target positions of their fingertips.
+        """
         for most, count, iterations, loose in _ROUNDS:
             better = []
             for one, tips in _of_each_side(pool, most):

@@ -19,14 +19,14 @@ Float64 = NDArray[np.float64]
 def fists_behind_fingers(model: ArmModel, candidate: PalmCandidate) -> Iterator[ArmPose]:
     """Yield fists whose palm faces the camera, behind the candidate: the surface of such a palm is that of its fingers.
 
-    There are none if more than one fingertip is seen.
+    There are none if four or more ends of branches are seen.
     """
-    if len(candidate.tips) < 2:
-        for start, tips in arm_starts(model, candidate):
-            R = start.R.reshape(3, 3)
-            away = float(R[:, 1] @ candidate.centre) / float(np.linalg.norm(candidate.centre))
-            if tips is None and away > 0.5:  # y points to the back of the hand
-                yield start._replace(t=start.t + _FINGERS_M * R[:, 1])
+    opened = _posed(model, _OPEN)
+    for start, tips in arm_starts(model, candidate):
+        R = start.R.reshape(3, 3)
+        away = float(R[:, 1] @ candidate.centre) / float(np.linalg.norm(candidate.centre))
+        if tips is None and away > 0.5 and not np.array_equal(start.z, opened):  # y points to the back of the hand
+            yield start._replace(t=start.t + _FINGERS_M * R[:, 1])
 
 
 def arm_starts(model: ArmModel, candidate: PalmCandidate) -> Iterator[tuple[ArmPose, Float64 | None]]:
