@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.sensing.image_samples import samples_at
 from mocapella.sensing.room_edges import BESIDE_STEPS, CLEAR_LEVELS
 
 Float64 = NDArray[np.float64]
@@ -50,7 +51,8 @@ def edges_in_excess(
     contrast = np.zeros(len(pixels))
     for shift in BESIDE_EDGE_STEPS:
         inside, outside = (
-            _at(samples, step_px, pixels + (shift + side * BESIDE_STEPS) * step_px * across) for side in (-1.0, 1.0)
+            samples_at(samples, step_px, pixels + (shift + side * BESIDE_STEPS) * step_px * across)
+            for side in (-1.0, 1.0)
         )
         contrast = np.maximum(contrast, np.abs(inside - outside).max(axis=1))
     edge = contrast >= EDGE_LEVELS
@@ -58,10 +60,3 @@ def edges_in_excess(
         edge &= ~(is_room(pixels - BESIDE_STEPS * step_px * across) & (contrast >= CLEAR_LEVELS))
     shown = edge.reshape(places.shape[:2]).astype(np.float64)
     return np.asarray(shown[0] - shown[1:].mean(axis=0))
-
-
-def _at(samples: UInt8, step_px: int, pixels: Float64) -> Float64:
-    """Return the sample (n, channels) nearest to each pixel x, y (n, 2), and to those outside of the image."""
-    column, row = np.floor((pixels + 0.5) / step_px).astype(np.int64).T
-    rows, columns = samples.shape[:2]
-    return np.asarray(samples[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], np.float64)

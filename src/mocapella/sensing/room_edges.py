@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mocapella.model.silhouettes import Silhouette
 from mocapella.sensing.background_memory import BackgroundMemory
-from mocapella.sensing.image_samples import image_samples
+from mocapella.sensing.image_samples import image_samples, samples_at
 from mocapella.settings import check
 
 Float32 = NDArray[np.float32]
@@ -98,20 +98,14 @@ class RoomEdges:
         beside = BESIDE_STEPS * self.step_px * normals / np.maximum(long, 1e-9)
         inside, outside = at - beside, at + beside
         now = image_samples(image, self.step_px)
-        within, without = self._at(now, inside), self._at(now, outside)
+        within, without = samples_at(now, self.step_px, inside), samples_at(now, self.step_px, outside)
         contrast = np.abs(within - without).max(axis=1)
         found = (background.strange_at(image, inside) < 0) & (contrast >= CLEAR_LEVELS)
         if self._first.shape == now.shape:
             change = np.maximum(
-                np.abs(within - self._at(self._first, inside)).max(axis=1),
-                np.abs(without - self._at(self._first, outside)).max(axis=1),
+                np.abs(within - samples_at(self._first, self.step_px, inside)).max(axis=1),
+                np.abs(without - samples_at(self._first, self.step_px, outside)).max(axis=1),
             )
-            elsewhere = self._at(~self._body[..., None], at)[:, 0] > 0
+            elsewhere = samples_at(~self._body[..., None], self.step_px, at)[:, 0] > 0
             found |= elsewhere & (change < UNCHANGED * contrast)
         return np.asarray(found)
-
-    def _at(self, samples: UInt8 | Bool, pixels: Float64) -> Float32:
-        """Return the sample (n, channels) nearest to each pixel x, y (n, 2), and to those outside of the image."""
-        column, row = np.floor((pixels + 0.5) / self.step_px).astype(np.int64).T
-        rows, columns = samples.shape[:2]
-        return np.asarray(samples[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], np.float32)
