@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from support.keypoint_folders import RATE_HZ, walkers, write_openpose
+from support.keypoint_folders import RATE_HZ, frames_of, walkers, write_openpose
 
 from mocapella.errors import InputError
 from mocapella.library.people_calibration import detected_frames
@@ -16,10 +16,8 @@ from mocapella.library.rig_image_sizes import check_image_sizes
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.camera_rig_file import load_camera_rig
 from mocapella.model.keypoints import KeypointFrame, keypoint_frame
-from mocapella.model.point_tracks import match_cameras
 from mocapella.model.topology import topology
 from mocapella.recording.detection_files import read_detections
-from mocapella.recording.detections import keypoint_frames
 
 FRAMES = 24
 Frames = dict[str, list[KeypointFrame]]
@@ -39,12 +37,7 @@ def rig(folder: Path) -> CameraRig:
 
 @pytest.fixture(scope="module")
 def frames(folder: Path, rig: CameraRig) -> Frames:
-    found = read_detections([one for one in sorted(folder.iterdir()) if one.is_dir()])
-    names = match_cameras([one.camera for one in found], rig.cameras)
-    return {
-        name: keypoint_frames(one, name, rig.cameras[name].camera.size_px, RATE_HZ)
-        for name, one in zip(names, found, strict=True)
-    }
+    return frames_of(folder, rig)
 
 
 def scaled(placed: PlacedCamera, scale: float) -> PlacedCamera:

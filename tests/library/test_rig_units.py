@@ -7,16 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from support.keypoint_folders import RATE_HZ, walkers, write_openpose
+from support.keypoint_folders import RATE_HZ, frames_of, walkers, write_openpose
 
 from mocapella.library.people_triangulation import triangulate_people
 from mocapella.library.rig_units import FEWEST, people_lengths, rig_in_metres
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
 from mocapella.model.keypoints import KeypointFrame
-from mocapella.model.point_tracks import match_cameras
-from mocapella.recording.detection_files import read_detections
-from mocapella.recording.detections import keypoint_frames
 
 Frames = dict[str, list[KeypointFrame]]
 
@@ -35,15 +32,7 @@ def rig(folder: Path) -> CameraRig:
 
 @pytest.fixture(scope="module")
 def frames(folder: Path, rig: CameraRig) -> Frames:
-    found = read_detections([one for one in sorted(folder.iterdir()) if one.is_dir()])
-    names = match_cameras([one.camera for one in found], rig.cameras)
-    return {
-        name: [
-            msgspec.structs.replace(frame, sequence=k)
-            for k, frame in enumerate(keypoint_frames(one, name, rig.cameras[name].camera.size_px, RATE_HZ))
-        ]
-        for name, one in zip(names, found, strict=True)
-    }
+    return frames_of(folder, rig)
 
 
 def times(rig: CameraRig, factor: float) -> CameraRig:

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import save_camera_rig
+from mocapella.model.keypoints import KeypointFrame
+from mocapella.model.point_tracks import match_cameras
 from mocapella.model.topology import topology
+from mocapella.recording.detection_files import read_detections
+from mocapella.recording.detections import keypoint_frames
 from mocapella.tracker.webcams_warmup import circle_of_cameras, seen_people, standing_person
 
 Float64 = NDArray[np.float64]
@@ -49,3 +53,13 @@ def write_openpose(
                 rows.append({"pose_keypoints_2d": values.ravel().tolist()})
             (camera / f"{camera.name}_{number:06}.json").write_text(json.dumps({"people": rows}))
     return rig
+
+
+def frames_of(folder: Path, rig: CameraRig) -> dict[str, list[KeypointFrame]]:
+    """The frames in a folder of `write_openpose`, by the rig's camera names."""
+    found = read_detections([one for one in sorted(folder.iterdir()) if one.is_dir()])
+    names = match_cameras([one.camera for one in found], rig.cameras)
+    return {
+        name: keypoint_frames(one, name, rig.cameras[name].camera.size_px, RATE_HZ)
+        for name, one in zip(names, found, strict=True)
+    }
