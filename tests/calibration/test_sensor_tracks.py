@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.walking_people import KINECT_V2
 
-from mocapella.calibration.pair_memory import FRAMES_KEPT, BodyTrack, SensorTracks
+from mocapella.calibration.pair_memory import FRAMES_KEPT, NO_LEGS, BodyTrack, SensorTracks, legs_of
+from mocapella.model.anatomy import MOST_STRAY, THIGH_SHARE
+from mocapella.model.topology import Topology, topology
 
 STATES = np.full((1, 25), 2, np.uint8)
 
@@ -48,3 +54,47 @@ def test_bodies_that_come_again_under_their_old_ids_get_new_tracks() -> None:
     newest = {body: track.newest for body, track in tracks.bodies.items()}
     assert newest == {1: 2.0, 2: 2.0, 3: 1.0}
     assert len(set(tracks.slots.values())) == 3
+
+
+LEGS = legs_of(KINECT_V2)
+
+
+def body_with_knees(*shares: float, bend: float = 0.0, leg_m: float = 0.9) -> np.ndarray:
+    """(25, 3) joints of a body whose thighs are these shares of its legs, with knees bent by an angle [rad]."""
+    joints = np.tile([0.0, 1.0, 2.0], (len(KINECT_V2), 1))
+    for (hip, knee, ankle), share in zip(LEGS, shares, strict=True):
+        joints[knee] = joints[hip] - [0.0, share * leg_m, 0.0]
+        joints[ankle] = joints[knee] - (1 - share) * leg_m * np.array([0.0, np.cos(bend), np.sin(bend)])
+    return joints
+
+
+def weights_of(joints: np.ndarray, legs: np.ndarray = LEGS) -> np.ndarray:
+    """The weights of a body's joints, of which the head is inferred."""
+    track, states = BodyTrack.empty(25), STATES[0].copy()
+    states[KINECT_V2.index("Head")] = 1
+    assert track.add(0.0, joints, states, 0.2, legs=legs)
+    return track.weights[0]
+
+
+@given(st.floats(0.1, 0.9), st.floats(0.1, 0.9), st.floats(0.0, 2.5))
+def test_a_body_counts_as_inferred_only_where_both_its_knees_are_misplaced(
+    left: float, right: float, bend: float
+) -> None:
+    weights = weights_of(body_with_knees(left, right, bend=bend))
+    wrong = min(abs(share - THIGH_SHARE) for share in (left, right)) > MOST_STRAY
+    assert weights[KINECT_V2.index("Head")] == 0.2
+    assert set(np.delete(weights, KINECT_V2.index("Head"))) == {0.2 if wrong else 1.0}
+
+
+def test_a_knee_that_is_not_seen_and_a_topology_without_legs_are_no_fault() -> None:
+    seen = body_with_knees(0.2, 0.2)
+    assert weights_of(seen, NO_LEGS).max() == 1.0
+    seen[LEGS[0, 1]] = np.nan
+    assert weights_of(seen).max() == 1.0
+    seen[LEGS] = [0.0, 1.0, 2.0]  # legs without a length
+    assert weights_of(seen).max() == 1.0
+
+
+@pytest.mark.parametrize(("of", "legs"), [(KINECT_V2, 2), (topology("azure_kinect"), 0), (topology("halpe_26"), 0)])
+def test_legs_are_found_by_the_names_of_a_kinect_v2(of: Topology, legs: int) -> None:
+    assert len(legs_of(of)) == legs

@@ -10,9 +10,12 @@ from support.walking_people import KINECT_V2
 
 from mocapella.geometry.angles import wrap
 from mocapella.geometry.rigid import apply, rigid, rotation_about_y, rotation_about_z
+from mocapella.model.anatomy import MOST_STRAY
 from mocapella.tracker import people_kernels as kernels
-from mocapella.tracker.people import UNSURE, People, PeopleSettings
+from mocapella.tracker.people import MISPLACED, UNSURE, People, PeopleSettings
 from mocapella.tracker.people_memory import (
+    REPORTED_STRAY,
+    STRAY_S,
     UNSURE_S,
     UNSURE_SD,
     FacingResults,
@@ -22,7 +25,7 @@ from mocapella.tracker.people_memory import (
     ViewArrays,
 )
 from mocapella.tracker.people_step_kernels import note_unsure
-from mocapella.tracker.people_view_kernels import WALKS_COS, to_level, turn_views, upright
+from mocapella.tracker.people_view_kernels import WALKS_COS, doubt_limbs, to_level, turn_views, upright
 
 DT = 1 / 30
 LINES = np.array([[1, 2], [3, 4]])
@@ -209,11 +212,12 @@ def test_a_person_is_as_rigid_as_the_least_rigid_view_in_use(
 
 def test_the_memory_of_an_older_version_is_taken() -> None:
     memory = People(PeopleSettings(), KINECT_V2).memory.resized([], 2, 3)
-    newer = {"view_rigidity", "unsure_s", "measured_s"}
+    newer = {"view_rigidity", "view_strays", "unsure_s", "measured_s"}
     older = PeopleMemory(**{name: value for name, value in vars(memory).items() if name not in newer})
     older.check(2, 3, len(KINECT_V2), memory.body.shape[1])
     np.testing.assert_array_equal(older.view_rigidity[..., 0], np.ones((2, 3)))  # 0 would make measurements exact
     np.testing.assert_array_equal(older.view_rigidity[..., 1], np.zeros((2, 3)))
+    np.testing.assert_array_equal(older.view_strays, np.zeros((2, 3, len(KINECT_V2))))
     assert np.isposinf(older.unsure_s).all()
     assert older.unsure_s.shape == (2,)
     assert np.isneginf(older.measured_s).all()
@@ -314,3 +318,70 @@ def test_facings_that_were_seen_upside_down_are_forgotten(angle_deg: float, forg
     unaided = People(PeopleSettings(facing=None), KINECT_V2)
     unaided.level(rotation_about_z(np.pi))
     np.testing.assert_allclose(unaided.R_level[1], [0.0, -1.0, 0.0], atol=1e-12)
+
+
+LIMBS, SHARES = np.array([[0, 1, 2]]), np.array([0.5])
+"""Hip, knee and ankle of a body of three joints, whose thigh is as long as the shin."""
+
+
+def doubted(seen: np.ndarray, seconds: float, before: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Strays (3,) and added variances (3,) [m²] of a view that looked so for that long."""
+    strays, added = np.array([0.0, before, 0.0]), np.zeros(3)
+    for dt in [np.inf, *[DT] * round(seconds / DT)]:
+        added[:] = 0.0
+        doubt_limbs(seen, dt, LIMBS, SHARES, strays, added)
+    return strays, added
+
+
+def leg(share: float, bend: float = 0.0, length: float = 0.9) -> np.ndarray:
+    """Hip, knee and ankle (3, 3) of a leg with this share of the thigh, bent by an angle [rad] [m]."""
+    knee = np.array([0.0, -share * length, 0.0])
+    return np.array([np.zeros(3), knee, knee - (1 - share) * length * np.array([0.0, np.cos(bend), np.sin(bend)])])
+
+
+@given(st.floats(0.2, 0.8), st.floats(0.0, 2.5))
+def test_a_knee_that_is_long_at_a_wrong_place_along_the_leg_counts_less_and_hip_and_ankle_do_not(
+    share: float, bend: float
+) -> None:
+    strays, added = doubted(leg(share, bend), 6 * STRAY_S)
+    assert strays[1] == pytest.approx(share - 0.5, abs=2e-3)
+    beyond = max(0.0, abs(strays[1]) - MOST_STRAY) * 0.9
+    np.testing.assert_allclose(added, [0.0, beyond**2, 0.0], atol=1e-12)
+
+
+@given(st.floats(0.2, 0.8))
+def test_a_knee_that_is_misplaced_for_a_second_counts_as_before(share: float) -> None:
+    assert not doubted(leg(share), 0.2 * STRAY_S)[1].any()
+
+
+@pytest.mark.parametrize("broken", [np.nan, 0.0])
+def test_a_leg_that_is_not_seen_keeps_its_stray_and_its_weight(broken: float) -> None:
+    seen = leg(0.2)
+    seen[:2] = broken
+    if broken == 0.0:
+        seen[:] = 0.0  # no leg has this length
+    strays, added = doubted(seen, STRAY_S, before=0.3)
+    assert strays[1] == 0.3
+    assert not added.any()
+
+
+def test_limbs_are_arms_and_legs_and_there_are_none_without_a_body_model() -> None:
+    names = KINECT_V2.joints
+    people = People(PeopleSettings(), KINECT_V2)
+    assert sorted(names[j] for j in people._layout.limbs[:, 1]) == ["ElbowLeft", "ElbowRight", "KneeLeft", "KneeRight"]
+    assert {names[j].removesuffix("Left") for j in people._layout.limbs[0]} == {"Shoulder", "Elbow", "Wrist"}
+    assert ((people._layout.shares > 0.45) & (people._layout.shares < 0.6)).all()
+    assert not len(People(PeopleSettings(smoothing="kalman"), KINECT_V2)._layout.limbs)
+
+
+@pytest.mark.parametrize(("mirrored", "side"), [(False, "left"), (True, "right")])
+def test_a_person_names_the_sensor_and_the_joint_that_it_sees_at_a_wrong_place(mirrored: bool, side: str) -> None:
+    people = unsure_people((False, mirrored))
+    people.memory.fused_s[:] = 10.0
+    knee = KINECT_V2.index("KneeLeft")
+    people.memory.view_strays[0, 1, knee] = -0.99 * REPORTED_STRAY
+    assert conditions(people) == [""]
+    people.memory.view_strays[0, 1, knee] = -1.01 * REPORTED_STRAY
+    assert conditions(people) == [f"side: {side} knee {MISPLACED}"]
+    people.memory.view_at[0, 1] = 9.0
+    assert conditions(people) == [""], "a view that is not in use has no condition"

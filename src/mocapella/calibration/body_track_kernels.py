@@ -8,12 +8,34 @@ from numpy.typing import NDArray
 
 from mocapella.calibration.pair_memory import FRAMES_KEPT
 from mocapella.compiled import njit
+from mocapella.model.anatomy import MOST_STRAY, THIGH_SHARE
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 TRACKED = 2
 """Value of `JointState.TRACKED`."""
+
+
+@njit(cache=True)
+def knees_misplaced(positions: Float64, legs: Int64) -> bool:
+    """Return whether both knees lie at a place along the leg where no person's are: the sensor misjudges the legs.
+
+    Args:
+        positions: (joints, 3) a body's joints [m]; NaN where not seen.
+        legs: (legs, 3) indices of each leg's hip, knee and ankle.
+    """
+    wrong = len(legs) > 0
+    for n in range(len(legs)):
+        thigh, shank = 0.0, 0.0
+        for k in range(3):
+            hip, knee, ankle = positions[legs[n, 0], k], positions[legs[n, 1], k], positions[legs[n, 2], k]
+            thigh += (knee - hip) ** 2
+            shank += (ankle - knee) ** 2
+        thigh, shank = np.sqrt(thigh), np.sqrt(shank)
+        whole = thigh + shank
+        wrong = wrong and abs(thigh - THIGH_SHARE * whole) > MOST_STRAY * whole  # False for NaN
+    return wrong
 
 
 @njit(cache=True)
@@ -27,6 +49,7 @@ def add_frame(
     positions: Float64,
     states: NDArray[np.uint8],
     inferred: float,
+    legs: Int64,
 ) -> bool:
     """Append a frame to a body's frames, see `pair_memory.BodyTrack.add`.
 
@@ -40,7 +63,8 @@ def add_frame(
         at: capture time, on the common clock [s].
         positions: (joints, 3) in the sensor's camera space [m]; a joint that is not finite or (0, 0, 0) is not seen.
         states: (joints,) `JointState`.
-        inferred: weight of an inferred joint.
+        inferred: weight of an inferred joint, and the most of a joint of a body whose knees are both misplaced.
+        legs: (2, 3) indices of each leg's hip, knee and ankle; (0, 3) if the topology lacks one.
     """
     begin, end = held
     if not np.isfinite(at) or (end > begin and at <= times[end - 1]):
@@ -66,6 +90,8 @@ def add_frame(
         points[end, j, 0], points[end, j, 1], points[end, j, 2] = x, y, z
         for k in range(3):
             same = same and points[end, j, k] == points[end - 1, j, k]
+    if knees_misplaced(positions, legs):
+        weights[end] = np.minimum(weights[end], inferred)
     if not (same and seen > 0):
         frozen_since[0] = np.nan
     elif np.isnan(frozen_since[0]):
@@ -86,6 +112,7 @@ def add_bodies(
     positions: Float64,
     states: NDArray[np.uint8],
     inferred: float,
+    legs: Int64,
 ) -> float:
     """Append a frame's bodies to their slots.
 
@@ -96,7 +123,7 @@ def add_bodies(
         at: capture time, on the common clock [s].
         positions: (bodies, joints, 3) in the sensor's camera space [m].
         states: (bodies, joints) `JointState`.
-        inferred: weight of an inferred joint.
+        inferred, legs: as in `add_frame`.
 
     Returns:
         The time since when none of the bodies has changed at all [s]; NaN if one has, or without bodies.
@@ -104,7 +131,9 @@ def add_bodies(
     since = -np.inf if len(slots) else np.nan
     for i in range(len(slots)):
         s = slots[i]
-        add_frame(times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred)
+        add_frame(
+            times[s], points[s], weights[s], held[s], frozen_since[s], at, positions[i], states[i], inferred, legs
+        )  # fmt: skip
         since = max(since, frozen_since[s, 0]) if not np.isnan(since) and not np.isnan(frozen_since[s, 0]) else np.nan
     return since
 

@@ -153,6 +153,18 @@ def turned_joints(topology: Topology) -> NDArray[np.bool_]:
     return turned
 
 
+NO_LEGS: Final = np.empty((0, 3), dtype=np.int64)
+"""Value of `legs_of` for a topology without the joints of legs."""
+
+
+def legs_of(topology: Topology) -> NDArray[np.int64]:
+    """Return the indices (2, 3) of hip, knee and ankle of both legs; (0, 3) if the topology lacks one."""
+    names = [[f"{joint}{side}" for joint in ("Hip", "Knee", "Ankle")] for side in ("Left", "Right")]
+    if not {*names[0], *names[1]} <= set(topology.joints):
+        return NO_LEGS
+    return np.array([[topology.index(name) for name in leg] for leg in names], dtype=np.int64)
+
+
 def new_body(*, mirrored: bool = False) -> Float64:
     """Return the initial state (BODY_SCALARS,) of a pair of bodies; ``mirrored`` if left and right start swapped."""
     body = np.zeros(BODY_SCALARS)
@@ -187,7 +199,10 @@ class BodyTrack:
         zeros = np.zeros
         return cls(zeros(n), zeros((n, joints, 3)), zeros((n, joints)), zeros(2, dtype=np.int64), np.full(1, np.nan))
 
-    def add(self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float) -> bool:
+    def add(
+        self, at: float, positions: Float64, states: NDArray[np.uint8], inferred_weight: float,
+        *, legs: NDArray[np.int64] = NO_LEGS,
+    ) -> bool:  # fmt: skip
         """Append a frame by copying its values, and drop frames beyond `FRAMES_KEPT`.
 
         Return False, without a change, if its time is not newer, or not finite.
@@ -198,11 +213,12 @@ class BodyTrack:
                 nothing.
             states: (joints,) `JointState`; not tracked weighs nothing.
             inferred_weight: weight of an inferred joint; a tracked one weighs 1.
+            legs: of `legs_of`; the joints of a body whose knees are both misplaced weigh no more than inferred ones.
         """
         return bool(
             _kernels().add_frame(
                 self.times, self.points, self.weights, self.held, self.frozen_since, at, positions, states,
-                inferred_weight,
+                inferred_weight, legs,
             )
         )  # fmt: skip
 
@@ -259,7 +275,10 @@ class SensorTracks:
             np.full((slots, 1), np.nan),
         )
 
-    def add(self, at: float, ids: Sequence[int], positions: Float64, states: UInt8, inferred_weight: float) -> None:
+    def add(
+        self, at: float, ids: Sequence[int], positions: Float64, states: UInt8, inferred_weight: float,
+        *, legs: NDArray[np.int64] = NO_LEGS,
+    ) -> None:  # fmt: skip
         """Append a frame to its bodies' tracks, and make tracks of new bodies.
 
         New bodies may enlarge the arrays; take tracks from `bodies` anew after each call.
@@ -268,7 +287,7 @@ class SensorTracks:
             at: capture time, on the common clock [s].
             ids: (bodies,) tracking ids, each once.
             positions, states: (bodies, joints, 3) float64 and (bodies, joints), as in `BodyTrack.add`.
-            inferred_weight: weight of an inferred joint.
+            inferred_weight, legs: as in `BodyTrack.add`.
         """
         key = tuple(ids)
         slots = self._slots_of.get(key)
@@ -279,7 +298,7 @@ class SensorTracks:
             self._slots_of = {key: slots}
         self.frozen = _kernels().add_bodies(
             self.times, self.points, self.weights, self.held, self.frozen_since, slots, at,
-            np.ascontiguousarray(positions), np.ascontiguousarray(states), inferred_weight,
+            np.ascontiguousarray(positions), np.ascontiguousarray(states), inferred_weight, legs,
         )  # fmt: skip
 
     @property

@@ -17,7 +17,7 @@ from mocapella.calibration.cold_start import ColdStart, unwalked
 from mocapella.calibration.floor import FloorFromFeet
 from mocapella.calibration.moved_sensor import disagrees_for, moved_sensors
 from mocapella.calibration.pair_calibration import MIRRORED_STREAM, NOT_ONE_BODY, PairCalibration, estimates
-from mocapella.calibration.pair_memory import SensorTracks
+from mocapella.calibration.pair_memory import NO_LEGS, SensorTracks
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.quality import pair_quality
 from mocapella.calibration.sensor_pair import NO_OWNERS, Pair, PairOfSensors, agree_elsewhere
@@ -51,6 +51,7 @@ class PairsFromPeople:
         self._head_up_s: dict[str, float] = {}
         self._mirror = np.zeros(0, dtype=np.int64)
         self._turned = np.zeros(0, dtype=np.bool_)
+        self._legs = NO_LEGS
         self._pairs: dict[Pair, PairOfSensors] = {}
         self._refined: dict[str, tuple[Pair, ...]] = {}
         self._tried: dict[str, tuple[Pair, ...]] = {}

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mocapella.calibration.cold_start import ColdStart
 from mocapella.calibration.floor import Floor, FloorFromFeet, floor_of_pose, mean_floor
 from mocapella.calibration.pair_calibration import PairCalibration
-from mocapella.calibration.pair_memory import SensorTracks, turned_joints
+from mocapella.calibration.pair_memory import SensorTracks, legs_of, turned_joints
 from mocapella.calibration.pairs_from_people import Identities, PairsFromPeople
 from mocapella.calibration.people_settings import PeopleCalibrationSettings
 from mocapella.calibration.people_state import CalibratedSensor, PeopleState
@@ -139,7 +139,7 @@ class PeopleCalibration(PairsFromPeople):
         if joins:
             self._join(sensor, len(bodies.topology))
             self._mirror = np.array(bodies.topology.mirror, dtype=np.int64)
-            self._turned = turned_joints(bodies.topology)
+            self._turned, self._legs = turned_joints(bodies.topology), legs_of(bodies.topology)
         elif now < self._newest[sensor] - JUMPED_BACK_S:
             self._tracks[sensor].clear()
             self._jumped[sensor] = now
@@ -150,7 +150,7 @@ class PeopleCalibration(PairsFromPeople):
         # Frames arrive within a few tenths of a second: a sensor whose times are older has a clock that is behind.
         self._behind[sensor] = max(self._newest.values()) - now
         weight = self.settings.pair.inferred_weight
-        self._tracks[sensor].add(now, bodies.ids, bodies.positions, bodies.states, weight)
+        self._tracks[sensor].add(now, bodies.ids, bodies.positions, bodies.states, weight, legs=self._legs)
         self._floors[sensor].update(bodies, now)
         for key in self._refined[sensor]:
             if not 0 < self._pairs[key].due - now <= self.settings.pair.every_s:

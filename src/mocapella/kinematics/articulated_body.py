@@ -230,13 +230,17 @@ def conditions_of(model: ArticulatedModel, memory: Float64) -> list[str]:
     ]
 
 
+def words_of(joint: str) -> str:
+    """Return a joint's name in words: ``left knee`` of ``KneeLeft``."""
+    side = next((side for side in ("Left", "Right") if joint.endswith(side)), "")
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", f"{side} {joint.removesuffix(side)}".strip()).lower()
+
+
 def _condition(model: ArticulatedModel, joint: int, slack: float) -> str:
     """Describe by how much measurements are beyond the limits of the joint at the beginning of a bone."""
     name = model.body.topology.joints[model.joint_table[joint, 0]]
-    side = next((side for side in ("Left", "Right") if name.endswith(side)), "")
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", f"{side} {name.removesuffix(side)}".strip()).lower()
     degrees = STEP_DEG * round(np.degrees(slack) / STEP_DEG)
-    return f"{words}: sensors and body model disagree by {degrees}°"
+    return f"{words_of(name)}: sensors and body model disagree by {degrees}°"
 
 
 @cache

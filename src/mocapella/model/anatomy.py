@@ -13,6 +13,11 @@ from mocapella.model.topology import Topology, topology, topology_names
 Anatomy = Mapping[str, Mapping[int, float]]
 """Name of an anatomical point → index of each contributing keypoint → its weight; weights sum to 1."""
 
+MOST_STRAY: Final = 0.12
+"""Largest usual distance of a knee or elbow from its place along the limb, as a share of the limb's length; see
+docs/decisions/0114-misplaced-knees.md."""
+THIGH_SHARE: Final = 0.5
+"""Length of the thigh as a share of thigh and shank, of an average person as a Kinect v2 sees them."""
 _CENTRAL: Final = {"pelvis": "SpineBase", "chest": "SpineShoulder"}
 _SIDED: Final = {
     "hip": "Hip", "knee": "Knee", "ankle": "Ankle", "shoulder": "Shoulder", "elbow": "Elbow", "wrist": "Wrist",

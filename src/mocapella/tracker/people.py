@@ -28,7 +28,7 @@ from mocapella.fusion.joint_bias import BiasInputs, JointBiasModel
 from mocapella.fusion.weighted_mean import FusionSettings
 from mocapella.geometry.rigid import apply
 from mocapella.kernel_calls import KernelCall
-from mocapella.kinematics.articulated_body import conditions_of
+from mocapella.kinematics.articulated_body import conditions_of, words_of
 from mocapella.kinematics.articulated_model import ArticulatedModel, ArticulatedSettings, memory_size
 from mocapella.model.bodies import Bodies, BodyKey
 from mocapella.model.observations import BodyFrame
@@ -39,6 +39,7 @@ from mocapella.settings import check
 from mocapella.smoothing.kalman import KalmanSettings
 from mocapella.smoothing.one_euro import OneEuroSettings
 from mocapella.tracker.people_memory import (
+    REPORTED_STRAY,
     UNSURE_S,
     Bools,
     Float64,
@@ -50,6 +51,7 @@ from mocapella.tracker.people_memory import (
     joint_layout,
 )
 
+MISPLACED: Final = "seen at a wrong place along the limb: move the sensor, or what hides the limb from it"
 UNSURE: Final = "sensors disagree about left and right: stand upright, or turn the chest to one of them"
 SMOOTHING: Final = ("articulated", "kalman", "one-euro")
 """Smoothing methods: an articulated body, a Kalman filter per joint, or a 1-euro filter per coordinate."""
@@ -141,10 +143,10 @@ class People:
     def __init__(self, settings: PeopleSettings, topology: Topology) -> None:
         self.settings = settings
         self.topology = topology
-        self._layout = joint_layout(topology)
-        self.mirror, self.middle = self._layout.mirror, self._layout.middle
         self._parameters = _parameters(settings)
         self._model = ArticulatedModel.of(topology, settings.body) if settings.smoothing == "articulated" else None
+        self._layout = joint_layout(topology, self._model)
+        self.mirror, self.middle = self._layout.mirror, self._layout.middle
         self._body_size, self._slack, self._body_arrays = 0, (0, 0), None
         if self._model is not None:
             layout, self._body_arrays = self._model.layout, self._model.arrays
@@ -290,9 +292,9 @@ class People:
             np.empty(people, dtype=np.bool_),
         )
         _step_kernels().report(
-            np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions, m.body,
-            self._slack, column, results.positions, results.sd, results.states, results.views, results.fresh,
-            results.noted,
+            np.ascontiguousarray(T), at_s, self.settings.view_age_s, m.skeletons, m.view_at, m.view_positions,
+            m.view_strays, m.body, self._slack, column, results.positions, results.sd, results.states, results.views,
+            results.fresh, results.noted,
         )  # fmt: skip
         return results
 
@@ -322,7 +324,8 @@ class People:
     def conditions(self, results: PeopleResults) -> list[str]:
         """Return a text for each row: sensors that disagree about sides, joints long measured beyond the body's limits.
 
-        The text is empty without either; joints need an articulated body. ``results`` are those of the present state.
+        It also names knees and elbows that a sensor in use has long seen at a wrong place along the limb. The text is
+        empty without any of these; joints need an articulated body. ``results`` are those of the present state.
         """
         said = [""] * len(self.numbers)
         if True not in results.noted.tolist():
@@ -332,6 +335,12 @@ class People:
             said = conditions_of(self._model, m.body)
         for row in np.flatnonzero(m.fused_s - m.unsure_s > UNSURE_S).tolist():
             said[row] = ", ".join(filter(None, (UNSURE, said[row])))
+        stray = results.fresh[..., None] & (np.abs(m.view_strays) > REPORTED_STRAY)
+        for row, column in zip(*np.nonzero(stray.any(axis=-1)), strict=True):
+            own = np.flatnonzero(stray[row, column])
+            those = self.mirror[own] if m.view_mirrored[row, column] else own
+            joints = " and ".join(words_of(self.topology.joints[j]) for j in those.tolist())
+            said[row] = ", ".join(filter(None, (said[row], f"{self.sensors[column]}: {joints} {MISPLACED}")))
         return said
 
     def swapped(self) -> frozenset[BodyKey]:

@@ -115,7 +115,7 @@ def observe(
     dts = np.empty(len(rows))
     for b in range(len(rows)):
         dts[b] = min(frame.at_s - views.at_s[rows[b], frame.column], 1.0)
-    see(frame, fusion, parameters, points.velocities, views)
+    see(frame, fusion, parameters, layout, points.velocities, views)
     follow_labels(rows, frame.column, dts, parameters, layout.mirror, views)
     level, toward, speeds = to_level(
         R_level, frame.positions, frame.sensor_position, layout.root, layout.head, rows, points.velocities

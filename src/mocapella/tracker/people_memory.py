@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.proportions import ends_of_lengths
+from mocapella.kinematics.articulated_model import ArticulatedModel
 from mocapella.model.topology import Topology
 
 Float64 = NDArray[np.float64]
@@ -33,6 +34,14 @@ UNSURE_SD: Final = 1.2
 opposite ones, one three times as likely as the other [rad]."""
 UNSURE_S: Final = 5.0
 """Time for which sensors must disagree without a decision until the person says so [s]."""
+STRAY_S: Final = 5.0
+"""Time constant of averaging how far a view's knees and elbows lie from their place along the limb [s]."""
+REPORTED_STRAY: Final = 0.16
+"""Average share from which the person has a condition."""
+
+
+_LONG_BONE: Final = 0.12
+"""Least length of a limb's bone, which hands and feet do not have, as a fraction of stature."""
 
 
 class PointArrays(NamedTuple):
@@ -72,6 +81,8 @@ class ViewArrays(NamedTuple):
         reported: yaw that the view's repaired labels imply [rad].
         turn: (..., 2) correction of the yaw of the shoulders and of the hips [rad].
         offsets: (..., joints, 3) learnt offset, view minus person, with the person's labels [m]; NaN restarts it.
+        strays: (..., joints) average distance of each middle joint of a limb beyond its place along the limb, as a
+            share of the limb's length, with the sensor's labels [ratio]; 0 for other joints.
     """
 
     at_s: Float64
@@ -89,6 +100,7 @@ class ViewArrays(NamedTuple):
     reported: Float64
     turn: Float64
     offsets: Float64
+    strays: Float64
 
 
 class SkeletonArrays(NamedTuple):
@@ -125,6 +137,8 @@ class JointLayout(NamedTuple):
         root, head: indices of the skeleton's root joint and of its head.
         lines: (2, 2) left and right shoulder, left and right hip; the shoulders again in a topology without hips.
         line_of: (joints,) 0 for the two shoulders, 1 for the two hips, −1 for all other joints.
+        limbs: (limbs, 3) joints of each limb of two long bones, from the trunk: such as hip, knee and ankle.
+        shares: (limbs,) length of each limb's first bone as a share of both, of an average person [ratio].
     """
 
     mirror: Rows
@@ -134,15 +148,31 @@ class JointLayout(NamedTuple):
     head: int
     lines: Rows
     line_of: Rows
+    limbs: Rows
+    shares: Float64
 
 
-def joint_layout(topology: Topology) -> JointLayout:
-    """Return the layout of a topology."""
+def joint_layout(topology: Topology, model: ArticulatedModel | None = None) -> JointLayout:
+    """Return the layout of a topology; its limbs are those of the articulated body, and there are none without it."""
     parts, mirror = topology.parts, np.array(topology.mirror, dtype=np.int64)
     middle = np.flatnonzero(mirror == np.arange(len(mirror))).astype(np.int64)
     ends = ends_of_lengths(topology.joints)
     ends = np.empty((0, 2), dtype=np.int64) if ends is None else ends
-    return JointLayout(mirror, middle, ends, parts["root"], parts["head"], *_shoulders_and_hips(topology))
+    return JointLayout(
+        mirror, middle, ends, parts["root"], parts["head"], *_shoulders_and_hips(topology), *_limbs(model)
+    )
+
+
+def _limbs(model: ArticulatedModel | None) -> tuple[Rows, Float64]:
+    """Return `JointLayout.limbs` and `JointLayout.shares`: pairs of long bones that meet outside the torso."""
+    if model is None:
+        return np.empty((0, 3), dtype=np.int64), np.empty(0)
+    parent, length, torso = model.joint_table[:, 0], model.joint_values[:, 3], model.joint_values[:, 10] > 0
+    ends = [j for j in range(len(parent)) if parent[j] >= 0 and not torso[parent[j]]]
+    long = [j for j in ends if min(length[j], length[parent[j]]) > _LONG_BONE]
+    limbs = np.array([(parent[parent[j]], parent[j], j) for j in long], dtype=np.int64).reshape(-1, 3)
+    first, second = length[limbs[:, 1]], length[limbs[:, 2]]
+    return limbs, np.ascontiguousarray(first / (first + second))
 
 
 def _shoulders_and_hips(topology: Topology) -> tuple[Rows, Rows]:
@@ -320,6 +350,7 @@ class PeopleMemory:
     view_turn: Float64
     view_offsets: Float64
     view_rigidity: Float64 = field(default_factory=lambda: np.empty(0))
+    view_strays: Float64 = field(default_factory=lambda: np.empty(0))
     unsure_s: Float64 = field(default_factory=lambda: np.empty(0))
     measured_s: Float64 = field(default_factory=lambda: np.empty(0))
 
@@ -360,6 +391,7 @@ class PeopleMemory:
             view_turn=np.zeros((*V, 2)),
             view_offsets=np.zeros((*V, joints, 3)),
             view_rigidity=np.tile((1.0, 0.0), (*V, 1)),
+            view_strays=np.zeros((*V, joints)),
             unsure_s=np.full(P, np.inf),
             measured_s=np.full((*P, joints), -np.inf),
         )
@@ -367,8 +399,8 @@ class PeopleMemory:
     def check(self, people: int, sensors: int, joints: int, body: int) -> None:
         """Check the arrays of a snapshot; replace those of another version by ones without data.
 
-        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``unsure_s`` and
-        ``measured_s``, which older ones do not have.
+        These are the attribute ``body``, if it has another size, and ``view_rigidity``, ``view_strays``,
+        ``unsure_s`` and ``measured_s``, which older ones do not have.
 
         The arguments are as in `empty`.
 
@@ -378,7 +410,7 @@ class PeopleMemory:
         empty = PeopleMemory.empty(people, sensors, joints, body)
         if self.body.shape != empty.body.shape and self.body.shape[:1] == (people,):
             self.body = empty.body
-        for name in ("view_rigidity", "unsure_s", "measured_s"):
+        for name in ("view_rigidity", "view_strays", "unsure_s", "measured_s"):
             if getattr(self, name).shape == (0,):
                 setattr(self, name, getattr(empty, name))
         for name, wanted in empty.arrays():
@@ -414,7 +446,7 @@ class PeopleMemory:
         return ViewArrays(
             self.view_at, self.view_id, self.view_positions, self.view_states, self.view_variances, self.view_noise,
             self.view_rigidity, self.view_bias, self.view_mirrored, self.view_swapped, self.view_advantage,
-            self.view_toward, self.view_reported, self.view_turn, self.view_offsets,
+            self.view_toward, self.view_reported, self.view_turn, self.view_offsets, self.view_strays,
         )  # fmt: skip
 
     @cached_property

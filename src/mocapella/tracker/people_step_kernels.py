@@ -23,6 +23,7 @@ from mocapella.tracker.people_kernels import make, move_points, observe, pose_pe
 from mocapella.tracker.people_memory import (
     GUESS_SD_M_S,
     MOST_GUESS_SD_M,
+    REPORTED_STRAY,
     UNSURE_S,
     UNSURE_SD,
     Bools,
@@ -194,8 +195,8 @@ def note_unsure(rows: Rows, sd: Float64, now_s: float, view_age_s: float, views:
 @njit(cache=True, error_model="numpy")
 def report(
     T: Float64, now_s: float, view_age_s: float, skeletons: SkeletonArrays, view_at: Float64, view_positions: Float64,
-    body: Float64, slack: tuple[int, int], column: int, positions: Float64, sd: NDArray[np.float32], states: UInt8,
-    views: Float64, fresh: Bools, noted: Bools,
+    strays: Float64, body: Float64, slack: tuple[int, int], column: int, positions: Float64, sd: NDArray[np.float32],
+    states: UInt8, views: Float64, fresh: Bools, noted: Bools,
 ) -> None:  # fmt: skip
     """Transform all people and views by ``T`` (4, 4) for output.
 
@@ -208,6 +209,7 @@ def report(
         skeletons: the fused skeletons.
         view_at, view_positions: (people, sensors) capture time [s] and (people, sensors, joints, 3) of the newest views
             [m].
+        strays: (people, sensors, joints) those of `ViewArrays` [ratio].
         body: (people, …) state of the articulated body.
         slack: first column of the limits' slack in ``body``, and the one after its last [rad].
         column: column of the sensor whose views are wanted; −1 for all.
@@ -236,5 +238,7 @@ def report(
                 sd[r, j] = max(sd[r, j], np.float32(drift_m))
         for c in range(sensors):
             fresh[r, c] = now_s - view_at[r, c] <= view_age_s
+            for j in range(joints):
+                noted[r] = noted[r] or (fresh[r, c] and abs(strays[r, c, j]) > REPORTED_STRAY)
             if fresh[r, c] and first <= c < last:
                 move_points(T, view_positions[r, c], views[c - first, r])

@@ -13,10 +13,13 @@ from mocapella.compiled import njit
 from mocapella.fusion.facing_kernels import reported_yaw, wrap
 from mocapella.fusion.view_kernels import joint_variances, sd_at
 from mocapella.fusion.weighted_mean import FusionParameters
+from mocapella.model.anatomy import MOST_STRAY
 from mocapella.model.observations import JointState
 from mocapella.tracker.people_memory import (
+    STRAY_S,
     FacingResults,
     FrameViews,
+    JointLayout,
     PeopleParameters,
     ViewArrays,
 )
@@ -32,6 +35,7 @@ WALKS_COS = 0.87
 LEANS_COS = 0.5
 """Cosine of the angle of the trunk with the vertical from which the shoulders' yaw says nothing of the body's (60°)."""
 _SHORTEST_TRUNK_M2 = 1e-4
+_SHORTEST_LIMB_M = 0.2
 _NOT_TRACKED, _INFERRED = int(JointState.NOT_TRACKED), int(JointState.INFERRED)
 
 
@@ -64,6 +68,38 @@ def learn_noise(
 
 
 @njit(cache=True, error_model="numpy")
+def doubt_limbs(seen: Float64, dt: float, limbs: Int64, shares: Float64, strays: Float64, variances: Float64) -> None:
+    """Follow where a view's knees and elbows are along their limbs, and add variance where that contradicts any body.
+
+    A joint's stray is the share of its limb's length by which the limb's first bone is longer than an average person's
+    (negative: shorter), averaged over `STRAY_S`. It needs no other view, so sensors do not silence each other: those
+    with the same fault keep the same weights. The part beyond `MOST_STRAY` counts as an error of that joint alone,
+    because hip and ankle may be right.
+
+    Args:
+        seen: (joints, 3) a view's joints [m]; NaN where not tracked.
+        dt: time since the previous view of the person by this sensor [s]; infinite for none.
+        limbs, shares: those of `JointLayout`.
+        strays: (joints,) the averages, updated [ratio].
+        variances: (joints,) variance of a coordinate, increased [m²].
+    """
+    part = -np.expm1(-min(max(dt, 0.0), _LONGEST_STEP_S) / STRAY_S)
+    for n in range(len(limbs)):
+        a, j, c = limbs[n, 0], limbs[n, 1], limbs[n, 2]
+        first, second = 0.0, 0.0
+        for k in range(3):
+            first += (seen[j, k] - seen[a, k]) ** 2
+            second += (seen[c, k] - seen[j, k]) ** 2
+        first = np.sqrt(first)
+        whole = first + np.sqrt(second)
+        if not whole > _SHORTEST_LIMB_M:  # also for NaN
+            continue
+        strays[j] += part * (first / whole - shares[n] - strays[j])
+        beyond = max(0.0, abs(strays[j]) - MOST_STRAY) * whole
+        variances[j] += beyond * beyond
+
+
+@njit(cache=True, error_model="numpy")
 def distance_of(joints: Float64) -> float:
     """Return the distance from the origin to the mean of the visible joints (joints, 3) [m]."""
     x, y, z, count = 0.0, 0.0, 0.0, 0
@@ -77,20 +113,22 @@ def distance_of(joints: Float64) -> float:
 
 @njit(cache=True, error_model="numpy")
 def see(
-    frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, velocities: Float64, views: ViewArrays
-) -> None:
+    frame: FrameViews, fusion: FusionParameters, parameters: PeopleParameters, layout: JointLayout,
+    velocities: Float64, views: ViewArrays,
+) -> None:  # fmt: skip
     """Store a frame's bodies as the newest views of people.
 
     Args:
         frame: the bodies.
         fusion, parameters: the settings.
+        layout: joints with a special role.
         velocities: (people, joints, 3) velocities of the people [m/s].
         views: updated.
     """
     rows, seen, seen_states, seen_bias, own = frame.rows, frame.positions, frame.states, frame.bias, frame.own_positions
     column, clipped = frame.column, frame.clipped
     positions, states, variances, noise = views.positions, views.states, views.variances, views.noise
-    at_s, rigidity, bias = views.at_s, views.rigidity, views.bias
+    at_s, rigidity, bias, strays = views.at_s, views.rigidity, views.bias, views.strays
     for b in range(len(rows)):
         r = rows[b]
         dt = frame.at_s - at_s[r, column]
@@ -110,6 +148,8 @@ def see(
         joint_variances(seen_states[b], sd, fusion.inferred_factor, 0.0, variances[r, column])
         for j in range(noise.shape[2]):
             variances[r, column, j] += parameters.noise_gain * noise[r, column, j]
+        if len(layout.limbs):
+            doubt_limbs(seen[b], dt, layout.limbs, layout.shares, strays[r, column], variances[r, column])
 
 
 @njit(cache=True, error_model="numpy")
