@@ -101,3 +101,14 @@ def test_a_calibration_refuses_a_stated_size_that_the_keypoints_exceed(folder: P
     assert detected_frames(found, None, (640, 480), RATE_HZ)
     with pytest.raises(InputError, match=r"outside the 160 × 120 px that --size has; give the size .* with --size"):
         detected_frames(found, None, (160, 120), RATE_HZ)
+
+
+def test_normalised_keypoints_are_refused_with_the_factors(frames: Frames, rig: CameraRig) -> None:
+    width, height = next(iter(rig.cameras.values())).camera.size_px
+    size = np.array([width, height], np.float32)
+    parts = {
+        name: [msgspec.structs.replace(one, positions_px=one.positions_px / size) for one in some]
+        for name, some in frames.items()
+    }
+    with pytest.raises(InputError, match=rf"parts of the image's size; .*x by the width, here {width}, and y by the"):
+        check_image_sizes(parts, rig, file="pose")

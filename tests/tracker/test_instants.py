@@ -34,6 +34,11 @@ def test_synchronised_cameras_complete_an_instant_with_the_last_frame() -> None:
     assert [one.at_ns for some in found for one in some] == [round(33.0 * k * MS) for k in range(1, 6)]
 
 
+def test_second_frames_are_together_at_rates_above_that_of_a_camera_nobody_knows() -> None:
+    events = [(name, 1000.0 / 60.0 * k) for k in range(1, 5) for name in "abcd"]
+    assert names(collected(events, cameras=4)) == ["abcd"] * 4
+
+
 def test_a_camera_that_stops_delays_the_others_by_one_frame_and_then_not_at_all() -> None:
     events = [(name, 33.0 * k) for k in range(1, 5) for name in "abc"]
     events += [(name, 33.0 * k) for k in range(5, 30) for name in "ab"]

@@ -10,10 +10,18 @@ from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import Matches, Rays
 from mocapella.model.topology import topology
-from mocapella.tracker.webcams import WebcamsTracker
+from mocapella.tracker.webcams import UNSURE_M, UNSURE_S, WebcamsTracker, _unsure
 from mocapella.tracker.webcams_identity import FLOOR_M, STANDING_S, Identities, floor_of, ready
-from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays, no_people
-from mocapella.tracker.webcams_people_kernels import DOUBLE_M, DOUBLE_S
+from mocapella.tracker.webcams_memory import (
+    CANDIDATE,
+    LIFTED_M,
+    LONG_SEEN,
+    MOST_MISSED,
+    ROAMED_M,
+    PeopleArrays,
+    no_people,
+)
+from mocapella.tracker.webcams_people_kernels import DOUBLE_M, DOUBLE_S, LIFTED_S
 from mocapella.tracker.webcams_settings import WebcamsSettings
 from mocapella.tracker.webcams_warmup import circle_of_cameras, standing_person
 
@@ -145,7 +153,7 @@ def dropped(people: PeopleArrays, after_s: float, *, looking: int = 4) -> bool:
     """Whether a person is lost a time after two cameras agreed."""
     tracker, gone = WebcamsTracker(FOUR), np.zeros(len(people.ids), dtype=np.bool_)
     in_image = np.full(len(people.ids), looking)
-    tracker._kernels.drop(people, 10.0 + after_s, tracker._limits, in_image, NONE_MISSED, gone)
+    tracker._kernels.drop(people, 10.0 + after_s, tracker._limits, in_image, NONE_MISSED, UP, gone)
     return bool(gone[0])
 
 
@@ -160,6 +168,42 @@ def test_an_unseen_person_is_kept_longer_where_others_hide_the_place() -> None:
     people = person(0)
     people.refuted[0, 0] = 1.0  # a camera sees that nobody is there
     assert dropped(people, between)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sign", "sd_m"), [(1.0, 0.05), (-1.0, 0.05), (1.0, 0.3)])
+def test_a_body_far_above_or_below_its_height_is_lost_unless_two_cameras_agree(sign: float, sd_m: float) -> None:
+    soon = 1.2 * LIFTED_S
+    for height, views, hits, expected in (
+        (0.9 * (LIFTED_M + sd_m), 1, 100, False),
+        (1.1 * (LIFTED_M + sd_m), 1, 100, True),
+        (1.1 * (LIFTED_M + sd_m), 2, 100, False),
+        (1.1 * (LIFTED_M + sd_m), 1, LONG_SEEN - 1, False),
+    ):
+        people = person(0, hits=hits)
+        people.heights[0], people.height_variances[0] = people.positions[0] @ UP, sd_m**2
+        people.positions[0] += sign * height * UP
+        people.agreed_place[0] = people.positions[0].mean(axis=0)
+        people.seen_s[0], people.cameras[0] = 10.0 + soon, views
+        assert dropped(people, soon) == expected
+        assert not dropped(people, 0.5 * LIFTED_S)
+
+
+@pytest.mark.parametrize(("above", "expected"), [(0.0, True), (0.9, True), (1.2, False), (-1.2, False), (np.nan, True)])
+def test_two_cameras_confirm_no_candidate_in_the_air_or_below_the_floor(above: float, expected: bool) -> None:
+    people = person(CANDIDATE)
+    assert confirmed(people, cameras_at(0.0, 60.0), floor=ANKLES_M - above * LIFTED_M) == expected
+    people.support[0] = 3  # three cameras agree: somebody on a stage
+    assert confirmed(people, cameras_at(0.0, 60.0), floor=ANKLES_M - above * LIFTED_M)
+
+
+def test_a_person_at_an_unknown_place_is_not_shown_and_comes_back_with_the_number() -> None:
+    people = person(5)
+    assert _unsure(people, np.array([0]), 10.0 + 2.0 * UNSURE_S).tolist() == [False]
+    people.covariances[0] = UNSURE_M**2 * np.eye(3)
+    assert _unsure(people, np.array([0]), 10.0 + 2.0 * UNSURE_S).tolist() == [True]
+    assert _unsure(people, np.array([0]), 10.0 + 0.5 * UNSURE_S).tolist() == [False]
+    assert _unsure(people, np.array([], dtype=np.intp), 10.0).tolist() == []
 
 
 @pytest.mark.slow

@@ -50,6 +50,7 @@ from mocapella.kinematics.ray_sight_kernels import (
     triangulated,
     weigh,
 )
+from mocapella.kinematics.ray_start_kernels import bend_limbs
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -213,7 +214,7 @@ def correct_by_rays(
         return False
     if known:
         learn_offsets(model, row, R, sight, positions)
-    age_joints(layout, row, dt, sight)
+    age_joints(layout, row, dt, sight, positions)
     for j in range(n):
         _write_covariance(C, j, positions, covariances)
         for k in range(3):
@@ -295,6 +296,7 @@ def _begin(
     _complete(model.joint_table, measured, variances)
     if not initialise(model, row, at_s, measured, variances):
         return False
+    bend_limbs(model, row, measured, variances)
     for j in range(n):
         o = model.layout.jumps + 4 * j
         row[o] = row[o + 1] = row[o + 2] = 0.0

@@ -17,7 +17,7 @@ from mocapella.kinematics.articulated_memory import MemoryLayout
 from mocapella.kinematics.articulated_model import BodyArrays
 from mocapella.kinematics.articulated_pose_kernels import CALMING
 from mocapella.kinematics.articulated_yield_kernels import yield_length
-from mocapella.kinematics.ray_point_kernels import NU, invert, student
+from mocapella.kinematics.ray_point_kernels import GATE, NU, SLACK_M, invert, student
 from mocapella.kinematics.ray_sight_kernels import UNSURE_SPEED, Sight, gather
 
 Float64 = NDArray[np.float64]
@@ -285,18 +285,24 @@ def aged_variance(age: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def age_joints(layout: MemoryLayout, row: Float64, dt: float, sight: Sight) -> None:
+def age_joints(layout: MemoryLayout, row: Float64, dt: float, sight: Sight, positions: Float64) -> None:
     """Update in a memory row for how long each joint has not been triangulated.
 
-    Two rays of different instants triangulate a joint, too, if they cross (`LEAST_CROSSING`): cameras that see a body
-    in turn. The joint is then as old as the earlier ray.
+    Rays that agree with each other triangulate a joint only if the fitted joint, of positions (joints, 3) about the
+    root, is near their point. Two rays of different instants triangulate a joint, too, if they cross
+    (`LEAST_CROSSING`): cameras that see a body in turn. The joint is then as old as the earlier ray.
     """
     for j in range(layout.joints):
         age, view = layout.ages + 4 * j, layout.ages + 4 * (layout.joints + j)
         row[age] += dt
         row[view] += dt
         if sight.agreeing[j] >= 2:
-            row[age], row[view] = 0.0, math.nan
+            apart, variance = 0.0, (sight.points[j, 3] + sight.points[j, 6] + sight.points[j, 8]) / 3.0
+            for m in range(3):
+                apart += (sight.points[j, m] - positions[j, m]) ** 2
+            if apart < GATE * (variance + SLACK_M * SLACK_M):
+                row[age] = 0.0
+            row[view] = math.nan
             continue
         for i in range(sight.first[j], sight.first[j + 1]):
             k, cosine = sight.order[i], 0.0

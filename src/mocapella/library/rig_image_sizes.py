@@ -8,35 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.ray_agreement import AGREES, CONFIDENT, apart, rays_of, shared_instants, spread_of
 from mocapella.errors import InputError
-from mocapella.geometry.lens import undistort
-from mocapella.geometry.rigid import inverse
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
 
 Float64 = NDArray[np.float64]
 
-CONFIDENT: Final = 0.3
-"""Keypoints with a higher confidence are used."""
 FEWEST: Final = 60
 """Least number of such keypoints of a camera that tell something."""
 OUTSIDE: Final = 0.2
 """Share of them outside the image above which the rig is for another size."""
+NORMALISED: Final = 2.0
+"""Keypoints that all lie within this many pixels of the corner are parts of the image's width and height."""
 MARGIN: Final = 0.05
 """A keypoint is outside if it is farther from the image than this part of its width; detectors guess a little."""
 SCALES: Final = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
 """Ratios of common image sizes, tried as the size that the rig is for, divided by that of the images."""
-INSTANTS: Final = 12
-"""Number of instants that are compared."""
-SHARED: Final = 5
-"""Least number of keypoints that two detections share."""
-AGREES: Final = 0.2
-"""Largest angle between two cameras' rays where the size is right, as part of the spread of the person's rays."""
 BETTER: Final = 2.0
 """The angle without scaling is at least so many times that of the scale that is reported."""
 
@@ -76,12 +69,18 @@ def check_inside(name: str, frames: Sequence[KeypointFrame], *, file: object, st
         fix: the remedy; the place that the keypoints reach to is added.
 
     Raises:
-        InputError: many are outside.
+        InputError: many are outside, or they are no pixels.
     """
     pixels = np.concatenate([np.empty((0, 2)), *(one.positions_px[one.confidences > CONFIDENT] for one in frames)])
     if len(pixels) < FEWEST:
         return
     width, height = frames[0].size_px
+    if np.abs(pixels).max() < NORMALISED:
+        raise InputError(
+            f"its keypoints lie between {pixels.min():.2g} and {pixels.max():.2g}, as parts of the image's size",
+            file=file, field=f"camera {name}",
+            fix=f"give pixels: multiply x by the width, here {width}, and y by the height, {height}",
+        )  # fmt: skip
     outside = ((pixels < -MARGIN * width) | (pixels > np.array([width, height]) + MARGIN * width)).any(axis=-1)
     if outside.mean() > OUTSIDE:
         reach = np.percentile(pixels, 99, axis=0)
@@ -100,17 +99,6 @@ def _scale(frames: Mapping[str, Sequence[KeypointFrame]], cameras: Mapping[str, 
     tried = ((_disagreement(instants, cameras, scale), scale) for scale in SCALES)
     least, best = min((one for one in tried if np.isfinite(one[0])), default=(np.inf, 1.0))
     return best if least < AGREES and least * BETTER < plain else None
-
-
-def shared_instants(frames: Mapping[str, Sequence[KeypointFrame]]) -> list[dict[str, KeypointFrame]]:
-    """Return frames with people, by camera, of at most `INSTANTS` instants that two cameras or more see."""
-    at: dict[int, dict[str, KeypointFrame]] = {}
-    for name, some in frames.items():
-        for one in some:
-            if one.bodies:
-                at.setdefault(one.sequence, {})[name] = one
-    several = [seen for _, seen in sorted(at.items()) if len(seen) > 1]
-    return several[:: max(1, -(-len(several) // INSTANTS))]
 
 
 def _disagreement(
@@ -132,41 +120,3 @@ def _disagreement(
             best = medians.min(axis=1) / np.maximum(spread_of(some), 1e-9)
             found += best[np.isfinite(best)].tolist()
     return float(np.median(found)) if found else float("nan")
-
-
-def apart(some: Float64, others: Float64, between: Float64) -> Float64:
-    """Return how far people's rays in two cameras are from crossing (detections, others) [rad]; infinite if unknown.
-
-    Args:
-        some: (detections, keypoints, 3) directions of one camera, world.
-        others: (others, keypoints, 3) of the other camera.
-        between: (3,) from the one camera's centre to the other's [m].
-    """
-    normals = np.cross(some, between)
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-    angles = np.abs(np.einsum("ijk,ljk->ilj", normals, others))  # detections, others, keypoints
-    enough: Any = np.isfinite(angles).sum(axis=-1) >= SHARED
-    medians = np.full(enough.shape, np.inf)
-    medians[enough] = np.nanmedian(angles[enough], axis=-1)
-    return medians
-
-
-def spread_of(rays: Float64) -> Float64:
-    """Return the standard deviation (detections,) of each detection's directions (detections, keypoints, 3) [rad]."""
-    known: Any = np.isfinite(rays).all(axis=-1)
-    count = np.maximum(known.sum(axis=-1), 1)[:, None]
-    mean = np.where(known[..., None], rays, 0.0).sum(axis=1) / count
-    off = np.where(known[..., None], rays - mean[:, None], 0.0)
-    spread: Float64 = np.sqrt((off**2).sum(axis=(1, 2)) / count[:, 0])
-    return spread
-
-
-def rays_of(frame: KeypointFrame, placed: PlacedCamera, scale: float = 1.0) -> tuple[Float64, Any]:
-    """Return a camera's centre (3,) and the directions (detections, keypoints, 3) of its keypoints, NaN if not sure."""
-    sure = (frame.confidences > CONFIDENT)[..., None]
-    pixels = np.where(sure, scale * np.asarray(frame.positions_px, np.float64), np.nan)
-    flat = undistort(pixels, placed.camera.lens)
-    directions = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    T_world_camera = inverse(placed.T_camera_world)
-    return T_world_camera[:3, 3], directions @ T_world_camera[:3, :3].T

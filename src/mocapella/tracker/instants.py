@@ -18,7 +18,7 @@ from mocapella.conventions import NS_PER_S
 from mocapella.model.keypoints import KeypointFrame
 
 FIRST_PERIOD_NS: Final = 40_000_000
-"""Frame period that is assumed of a camera before its second frame [ns]."""
+"""Frame period that is assumed of a camera before its second frame, if no other camera has a shorter one [ns]."""
 FORGETS: Final = 0.2
 """Weight of a new interval in the running mean of a camera's period."""
 
@@ -101,7 +101,9 @@ class Instants:
             known = self._period_ns.get(name, float(at_ns - last))
             self._period_ns[name] = known + FORGETS * (at_ns - last - known)
         self._heard_ns[name] = at_ns if last is None else max(at_ns, last)
-        periods = {one: self._period_ns.get(one, FIRST_PERIOD_NS) for one in self.active()}
+        # A camera's second frame is expected after the period of the fastest camera that has one.
+        first = min([FIRST_PERIOD_NS, *self._period_ns.values()])
+        periods = {one: self._period_ns.get(one, first) for one in self.active()}
         span = min(periods.values())
         fresh = self._fresh()
         if name in fresh or (fresh and at_ns - min(fresh.values()) >= span):

@@ -50,7 +50,17 @@ from mocapella.tracker.method import not_taken
 from mocapella.tracker.protocol import TrackerReport, scene_at
 from mocapella.tracker.webcams_calibration import ANEW, SelfCalibration
 from mocapella.tracker.webcams_calibration import REMEMBERED as CALIBRATION_REMEMBERED
-from mocapella.tracker.webcams_conditions import count_strangers, disagreeing, place_of, problems, trouble
+from mocapella.tracker.webcams_conditions import (
+    PATIENCE_S,
+    count_strangers,
+    disagree,
+    disagreeing,
+    place_of,
+    problems,
+    trouble,
+)
+from mocapella.tracker.webcams_exchange import MEMORY as EXCHANGE_MEMORY
+from mocapella.tracker.webcams_exchange import ExchangeWatch
 from mocapella.tracker.webcams_hands import KINDS as HAND_KINDS
 from mocapella.tracker.webcams_hands import WebcamsHands
 from mocapella.tracker.webcams_identity import MEMORY as IDENTITY_MEMORY
@@ -70,6 +80,10 @@ APART_M: Final = 0.05
 """Two cameras nearer than this see no distance [m]."""
 ALONE_S: Final = 0.25
 """Time without agreement of two cameras after which a person's condition tells so [s]."""
+UNSURE_M: Final = 0.5
+"""Mean standard deviation of the joints, all axes together, above which a person is not shown any more [m]."""
+UNSURE_S: Final = 0.4
+"""Time without agreement of two cameras after which such a person is not shown [s]."""
 AHEAD_S: Final = 0.05
 """Least time since the last instant for a scene to use the frames that the next instant has so far [s]."""
 LOOK_EVERY: Final = 2
@@ -112,6 +126,7 @@ class WebcamsTracker:
         self._hands = WebcamsHands(s)
         self._markers = HandMarkers(s.hands)
         self._vertical = Vertical()
+        self._exchange = ExchangeWatch()
         self._own = SelfCalibration(s, max(self._wanted, 2)) if rig is None else None
         self._names: list[str] = []
         if rig is not None:
@@ -200,6 +215,7 @@ class WebcamsTracker:
 
     def _forget_people(self) -> None:
         self._vertical.reset()
+        self._exchange.reset()
         self._use_vertical()
         self._people = no_people(self._row, len(self._names))
         self._counts = no_counts(len(self._names), self._time_sds_s())
@@ -233,7 +249,7 @@ class WebcamsTracker:
         people, counts = self._people._asdict(), self._counts._asdict()
         calibration = None if self._own is None else [self._own.memory(), self.rig]
         parts = [self._instants.memory(), self._identities.memory(), self._hands.memory(), calibration]
-        parts += [self._markers.memory(), self._vertical.memory()]
+        parts += [self._markers.memory(), self._vertical.memory(), self._exchange.memory()]
         return pack([own, people, counts, *parts], _REMEMBERED)
 
     @recalls
@@ -243,7 +259,8 @@ class WebcamsTracker:
         Raises:
             WireError: the bytes are no snapshot of this method; the tracker is then reset.
         """
-        own, people, counts, instants, identities, hands, calibration, markers, vertical = unpack(data, _REMEMBERED)
+        own, people, counts, instants, identities, hands, calibration, *others = unpack(data, _REMEMBERED)
+        markers, vertical, exchange = others
         if (calibration is None) != (self._own is None):
             raise WireError("the snapshot and this tracker differ in whether a rig is given")
         if self._own is not None:
@@ -261,6 +278,7 @@ class WebcamsTracker:
         self._hands.recall(hands)
         set_memory(self._markers, markers, MARKERS_MEMORY)
         set_memory(self._vertical, vertical, VERTICAL_MEMORY)
+        set_memory(self._exchange, exchange, EXCHANGE_MEMORY)
         self._use_vertical()
 
     @property
@@ -296,7 +314,7 @@ class WebcamsTracker:
             people = self._shown(arrival.at_ns / NS_PER_S)
             hands = self._hands.shown(arrival.at_ns / NS_PER_S)
             remedy = "calibrate again" if self._own is None else ANEW
-            self._scene_of = (arrival.at_ns, people, hands, problems(self._places, self._counts, remedy))
+            self._scene_of = (arrival.at_ns, people, hands, self._problems(remedy))
         step, self._steps = self._steps, self._steps + 1
         _, people, hands, sensors = self._scene_of
         halpe = topology("halpe_26")
@@ -366,6 +384,10 @@ class WebcamsTracker:
         if due and self._vertical.update(people):
             self._use_vertical()
         self._look_for_strangers(pixels, rays, delivered)
+        if self._own is None:
+            self._exchange.update(
+                instant, self.rig.cameras, lambda: disagree(self._counts) or self._nobody_s() > PATIENCE_S
+            )
         self._hands.update(instant, matches, people, self._markers.take(instant.at_ns, self._column))
         if math.isnan(self._began_s):
             self._began_s = at_s
@@ -458,9 +480,16 @@ class WebcamsTracker:
         missing = self._sensors_expected - len(present)
         if missing > 0:
             return TrackerState(Phase.WAITING_FOR_SENSORS, sensors_missing=missing, reason=self._state.reason)
-        since_s = self._began_s if math.isnan(self._shown_s) else self._shown_s
-        reason = trouble(self._counts, self._names, self._at_s - since_s)
+        reason = self._exchange.text or trouble(self._counts, self._names, self._nobody_s())
         return TrackerState(Phase.TRACKING, reason=reason or ("" if self._own is None else self._own.advice))
+
+    def _nobody_s(self) -> float:
+        """Return the time since the last person was tracked, or since the first frame [s]."""
+        return self._at_s - (self._began_s if math.isnan(self._shown_s) else self._shown_s)
+
+    def _problems(self, remedy: str) -> tuple[SensorPlace, ...]:
+        """Return the cameras' places with their problems; ``remedy`` says what to do about one that disagrees."""
+        return problems(self._places, self._counts, remedy, exchanged=self._exchange.cameras, text=self._exchange.text)
 
     def _shown(self, at_s: float) -> tuple[Person, ...]:
         """Return the confirmed people at a time, in the order of their numbers."""
@@ -468,6 +497,7 @@ class WebcamsTracker:
             return ()
         people, last_s, partial = self._latest()
         rows = np.flatnonzero(people.ids >= 0)
+        rows = rows[~_unsure(people, rows, last_s)]
         count = len(rows)
         rows = rows[np.argsort(people.ids[rows])]
         positions, sds = np.empty((count, JOINTS, 3)), np.empty((count, JOINTS), dtype=np.float32)
@@ -517,6 +547,18 @@ def _unmapped(frame: KeypointFrame) -> str:
     if sources_named(frame.topology.name) is not None or hand_sources(frame.topology.name):
         return ""
     return f"its keypoints are {frame.topology.name}, which have no mapping to halpe_26: use another detector"
+
+
+def _unsure(people: PeopleArrays, rows: NDArray[np.intp], at_s: float) -> Bools:
+    """Return which people (rows,) are too uncertain to be shown: their place is anywhere within about half a metre.
+
+    They are followed, and shown again with their number once a camera tells more.
+    """
+    variances = np.trace(people.covariances[rows], axis1=2, axis2=3)
+    known = np.isfinite(variances)
+    total = np.sqrt(np.where(known, np.maximum(variances, 0.0), 0.0)).sum(axis=1)
+    unsure: Bools = (total > UNSURE_M * known.sum(axis=1)) & (at_s - people.agreed_s[rows] > UNSURE_S)
+    return unsure
 
 
 def _condition(views: int) -> str:

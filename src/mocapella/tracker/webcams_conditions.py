@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Final
 
 import msgspec
@@ -84,27 +85,36 @@ def elsewhere(counts: CameraCounts) -> NDArray[np.bool_]:
     return np.asarray((share > CONTRARY) & (share > MUCH_MORE * others))
 
 
+def disagree(counts: CameraCounts) -> bool:
+    """Return whether any camera does not agree with the others, or sees strangers in the stead of people."""
+    return bool((disagreeing(counts) | elsewhere(counts)).any())
+
+
 def problems(
-    places: tuple[SensorPlace, ...], counts: CameraCounts, remedy: str = "calibrate again"
-) -> tuple[SensorPlace, ...]:
+    places: tuple[SensorPlace, ...], counts: CameraCounts, remedy: str = "calibrate again", *,
+    exchanged: Collection[str] = (), text: str = "",
+) -> tuple[SensorPlace, ...]:  # fmt: skip
     """Return the places with the problems of the cameras.
 
     Args:
         places: poses of the cameras, in the order of their names.
         counts: what the cameras saw, in the same order.
         remedy: what to do about a camera that does not agree.
+        exchanged: names of cameras whose images are exchanged.
+        text: their problem, with the remedy.
     """
     bad = disagreeing(counts) | elsewhere(counts)
-    if not bad.any():
+    if not bad.any() and not exchanged:
         return places
-    text = (
-        f"its keypoints do not agree with the other cameras: it was moved, sees another room, or is wrongly "
-        f"calibrated; {remedy}"
+    wrong = (
+        f"its keypoints do not agree with the other cameras: it was moved, sees another room, is mirrored or upside "
+        f"down, or is wrongly calibrated; switch mirroring off, or {remedy}"
     )
-    return tuple(
-        msgspec.structs.replace(place, problem=text) if wrong else place
-        for place, wrong in zip(places, bad.tolist(), strict=True)
-    )
+    found = []
+    for place, is_bad in zip(places, bad.tolist(), strict=True):
+        problem = text if place.sensor in exchanged else wrong if is_bad and not exchanged else ""
+        found.append(msgspec.structs.replace(place, problem=problem) if problem else place)
+    return tuple(found)
 
 
 def trouble(counts: CameraCounts, names: list[str], nobody_s: float) -> str:
@@ -127,6 +137,6 @@ def trouble(counts: CameraCounts, names: list[str], nobody_s: float) -> str:
         return f"people are too small in the images ({np.median(heights):.0f} pixels): move the cameras nearer"
     seeing = ", ".join(names[i] for i in sees)
     return (
-        f"{seeing} see people, but no two cameras agree about one: do they see the same place at the same time? If so, "
-        "the rig does not fit; calibrate again"
+        f"{seeing} see people, but no two cameras agree about one: do they see the same place at the same time, and "
+        "is no image mirrored? If so, the rig does not fit; calibrate again"
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.model.topology import topology
-from mocapella.tracker.webcams_memory import CANDIDATE, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays
+from mocapella.tracker.webcams_memory import CANDIDATE, LIFTED_M, LONG_SEEN, MOST_MISSED, ROAMED_M, PeopleArrays
 from mocapella.tracker.webcams_settings import WebcamsSettings
 
 Float64 = NDArray[np.float64]
@@ -179,10 +179,10 @@ def ready(
     """Return the rows of candidates to confirm, in the order of their rows.
 
     Of a rig of three cameras or more, two confirm a candidate only if their rays cross at a large angle. Else they may
-    see two strangers on one line, or a person far behind the place that the cameras surround. A candidate also waits
-    where nearly as many cameras look at its place and see no person. A candidate whom two cameras saw walk does not
-    wait for these, and a smaller angle suffices (`LATER_SINE`), as for one who stands on the floor. A lost person who
-    returns does not wait.
+    see two strangers on one line, or a person far behind the place that the cameras surround. Two do not confirm one
+    who is far above or below the floor, as a body of two people's rays. A candidate also waits where nearly as many
+    cameras look at its place and see no person. A candidate whom two cameras saw walk does not wait for these, and a
+    smaller angle suffices (`LATER_SINE`), as for one who stands on the floor. A lost person who returns does not wait.
 
     Args:
         people: the people.
@@ -204,7 +204,7 @@ def ready(
         doubtful = float(np.nansum(trust * people.refuted[row])) >= MOST_REFUTED * views and not walked
         if (doubtful or narrow) and hits >= settings.confirm_instants and known(row):
             doubtful = narrow = False
-        if doubtful or (narrow and third < LEAST_JOINTS):
+        if doubtful or ((narrow or _lifted(people, row, floor, up)) and third < LEAST_JOINTS):
             continue
         if hits >= settings.confirm_instants or (sure >= LEAST_JOINTS and hits >= 1):
             found.append(row)
@@ -247,10 +247,22 @@ def _stands(people: PeopleArrays, row: int, floor: float, up: Float64) -> bool:
     """
     if people.hits[row] < LONG_SEEN or people.at_s[row] - people.born_s[row] < STANDING_S:
         return False
+    away, sd = _above(people, row, floor, up)
+    return abs(away) <= FLOOR_M + sd
+
+
+def _lifted(people: PeopleArrays, row: int, floor: float, up: Float64) -> bool:
+    """Return whether a candidate is far above or below the floor, as a body from the rays of two people is."""
+    away, sd = _above(people, row, floor, up)
+    return abs(away) > LIFTED_M + sd
+
+
+def _above(people: PeopleArrays, row: int, floor: float, up: Float64) -> tuple[float, float]:
+    """Return how far a candidate's lower ankle is above the floor, and its standard deviation [m]; NaN if unknown."""
     heights = people.positions[row, _ANKLES] @ up
     low = int(np.argmin(heights))
-    sd = math.sqrt(up @ people.covariances[row, _ANKLES[low]] @ up)
-    return bool(abs(heights[low] - floor) <= FLOOR_M + sd)
+    variance = float(up @ people.covariances[row, _ANKLES[low]] @ up)
+    return float(heights[low] - floor), math.sqrt(variance) if variance >= 0.0 else math.nan
 
 
 def _place(people: PeopleArrays, row: int) -> Float64:

@@ -168,7 +168,7 @@ def track_instant(
     for p in range(len(people.ids)):
         if people.ids[p] != NO_PERSON:
             looking[p] = count_refuting(people, p, pixels, rays, cameras, matches, delivered, counts)
-    drop(people, at_s, limits, looking, counts.missed, gone)
+    drop(people, at_s, limits, looking, counts.missed, cameras.up, gone)
     join_doubles(people, at_s, agreed, gone)
     for c in range(len(delivered)):
         if not delivered[c]:

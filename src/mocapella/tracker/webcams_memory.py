@@ -35,6 +35,10 @@ MOST_MISSED: Final = 0.4
 FIRST_HEIGHT_SD_M: Final = 0.2
 """Standard deviation of a joint's height after one instant [m]."""
 
+LIFTED_M: Final = 0.5
+"""Height of the lower ankle above or below where people stand, besides its standard deviation, that people hardly reach
+[m]."""
+
 
 class PeopleArrays(NamedTuple):
     """People, a row each.

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from mocapella.association.keypoint_rays import BONES, JOINTS, KeypointGates
 from mocapella.association.new_people_kernels import plausible
 from mocapella.compiled import njit
+from mocapella.model.topology import topology
 from mocapella.tracker.webcams_memory import (
     CANDIDATE,
     FIRST_HEIGHT_SD_M,
+    LIFTED_M,
     LONG_SEEN,
     MOST_MISSED,
     NO_PERSON,
@@ -59,6 +61,10 @@ DOUBLE_S = 0.4
 """Time after two cameras last agreed about a person, from which the track may be the second of another person [s]."""
 TRUSTED_S = 0.2
 """Time for each instant when two cameras agreed, for which a person stays about whom no two agree any more [s]."""
+LIFTED_S = 0.25
+"""Time without agreement of two cameras after which a person so far above or below is lost [s]."""
+ANKLES = tuple(topology("halpe_26").index(f"{side}Ankle") for side in "LR")
+"""Joints that stand on the floor."""
 MISSED_INSTANTS_S = 0.25
 """A candidate that two cameras do not confirm for this long is dropped [s]."""
 
@@ -279,6 +285,28 @@ def vague(people: PeopleArrays, p: int) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def lifted(people: PeopleArrays, p: int, up: Float64) -> bool:
+    """Return whether a person is far above or below the heights that the feet had while two cameras agreed.
+
+    The rays of other people may draw a body that one camera sees along its rays, into the air or into the floor.
+
+    Args:
+        people: see the module.
+        p: row of the person.
+        up: (3,) upward direction, world.
+    """
+    now, before, variance = math.inf, math.inf, 0.0
+    for j in ANKLES:
+        x = people.positions[p, j]
+        height = x[0] * up[0] + x[1] * up[1] + x[2] * up[2]
+        if math.isnan(height + people.heights[p, j]):
+            return False
+        now, before = min(now, height), min(before, people.heights[p, j])
+        variance = max(variance, people.height_variances[p, j])
+    return bool(people.hits[p] >= LONG_SEEN and abs(now - before) > LIFTED_M + math.sqrt(variance))
+
+
+@njit(cache=True, error_model="numpy")
 def apart_m(people: PeopleArrays, p: int, q: int) -> float:
     """Return the mean distance of two people's joints [m]; NaN if they have no joint in common.
 
@@ -328,7 +356,9 @@ def join_doubles(people: PeopleArrays, at_s: float, agreed: Bools, gone: Bools) 
 
 
 @njit(cache=True, error_model="numpy")
-def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64, missed: Float64, gone: Bools) -> None:
+def drop(
+    people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64, missed: Float64, up: Float64, gone: Bools
+) -> None:
     """Mark people who have left, candidates that were not confirmed, phantoms, and second tracks of one person.
 
     Args:
@@ -336,6 +366,7 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64
         at_s: time of the instant [s].
         looking: (people,) number of cameras in whose images the person would be.
         missed: (cameras,) see `CameraCounts`.
+        up: (3,) upward direction, world.
         gone: (people,) written: whether the row is to be freed.
     """
     for p in range(len(people.ids)):
@@ -353,6 +384,7 @@ def drop(people: PeopleArrays, at_s: float, limits: PeopleLimits, looking: Int64
             gone[p] |= people.doubts[p] > limits.doubtful_instants or ran_away(people, p, at_s)
             refuted = refuting(people, p, missed) >= MOST_REFUTING
             gone[p] |= refuted and people.cameras[p] < 2 and alone_s > REFUTED_S
+            gone[p] |= people.cameras[p] < 2 and alone_s > LIFTED_S and lifted(people, p, up)
             few = people.sure[p] < LEAST_SURE and not (people.hits[p] >= LONG_SEEN and people.roamed[p] >= ROAMED_M)
             gone[p] |= refuted and people.cameras[p] <= 2 and few
     for p in range(len(people.ids)):
