@@ -70,6 +70,7 @@ BROWSERS = (
 )
 """Tests with a browser that draws in software, by file or one by one: never two at once."""
 PROGRAMS = (
+    "live/test_stream_processes.py",
     "live/test_outages.py",
     "live/test_processes.py",
     "live/test_datagrams.py",

@@ -10,15 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
+from mocapella.schema.osc_messages import osc_message
 from mocapella.sources.osc import messages
-from mocapella.sources.osc_sender import OscSender, encode_message
+from mocapella.sources.osc_sender import OscSender
 
 FLOATS = st.lists(st.floats(width=32, allow_nan=False), max_size=6)
 
 
 @given(st.text(st.characters(min_codepoint=33, max_codepoint=126), max_size=9), FLOATS)
 def test_what_is_encoded_is_decoded(name: str, values: list[float]) -> None:
-    data = encode_message("/" + name, *values)
+    data = osc_message("/" + name, *values)
     assert len(data) % 4 == 0
     (read,) = messages(data)
     assert (read.address, list(read.arguments)) == ("/" + name, values)

@@ -7,11 +7,11 @@ from typing import Annotated, Final
 import typer
 
 from mocapella import __version__
-from mocapella.cli.registered import ExportVerbs, NodeVerbs
+from mocapella.cli.registered import ExportVerbs, NodeVerbs, StreamVerbs
 
 LOGGED: Final = frozenset({"demo", "serve", "node", "view"})
 """Long-running commands, which write a structured log."""
-REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "export"})
+REPORT_PLUGINS: Final = frozenset({"demo", "serve", "node", "view", "replay", "export", "stream"})
 """Commands that print a line for each unusable plug-in when they begin."""
 
 LIVE: Final = "Track live"
@@ -98,6 +98,14 @@ export_app = typer.Typer(
     Example:  mocapella export csv walk-1
     """,
 )
+stream_app = typer.Typer(
+    cls=StreamVerbs,
+    no_args_is_help=True,
+    help="""Send a running server's results to another program by UDP, while people move.
+
+    Example:  mocapella stream vmc --to 127.0.0.1:39539
+    """,
+)
 take_app = typer.Typer(
     no_args_is_help=True,
     help="""Inspect, check, recover and complete takes.
@@ -130,6 +138,7 @@ train_app = typer.Typer(no_args_is_help=True, help="Train models on recordings o
 depth_app = typer.Typer(no_args_is_help=True, help="Extract body lines from depth images; fit a stereo model.")
 tune_app = typer.Typer(no_args_is_help=True, help="Tune filter settings on recordings, step by step.")
 app.add_typer(node_app, name="node", rich_help_panel=LIVE)
+app.add_typer(stream_app, name="stream", rich_help_panel=LIVE)
 app.add_typer(track_app, name="track", rich_help_panel=RECORDINGS)
 app.add_typer(take_app, name="take", rich_help_panel=RECORDINGS)
 app.add_typer(export_app, name="export", rich_help_panel=RECORDINGS)

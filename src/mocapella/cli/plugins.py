@@ -21,10 +21,11 @@ def tables() -> tuple[Table[Any], ...]:
     from mocapella.model.frame_types import FRAME_TYPES
     from mocapella.model.part_types import PART_TYPES
     from mocapella.sources.source import SOURCES
+    from mocapella.streams.stream import STREAMS
     from mocapella.studies.measures.measure import MEASURES
     from mocapella.tracker.method import METHODS
 
-    return METHODS, DETECTORS, KEYPOINT_DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS, MEASURES
+    return METHODS, DETECTORS, KEYPOINT_DETECTORS, FRAME_TYPES, PART_TYPES, SOURCES, EXPORTS, STREAMS, MEASURES
 
 
 def plugins() -> tuple[list[tuple[str, str]], list[Skipped]]:

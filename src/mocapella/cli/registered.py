@@ -1,4 +1,4 @@
-"""Groups of commands that packages can extend: ``mocapella node`` and ``mocapella export``.
+"""Groups of commands that packages can extend: ``mocapella node``, ``mocapella export`` and ``mocapella stream``.
 
 A command's module is imported when it runs or prints its help; a list of commands shows names and summaries only.
 """
@@ -116,3 +116,20 @@ class ExportVerbs(RegisteredVerbs):
         from mocapella.exports.export import EXPORTS
 
         return EXPORTS
+
+
+class StreamVerbs(RegisteredVerbs):
+    """The commands of ``mocapella stream``."""
+
+    def help_of(self, descriptor: Any, doc: str) -> str:
+        """Return the stream's summary before the docstring that the streams share."""
+        shared = doc.replace(
+            "stream osc --to 127.0.0.1:9000", f"stream {descriptor.name} --to 127.0.0.1:{descriptor.port}"
+        )
+        return f"{descriptor.summary}\n\n{shared}"
+
+    def table(self) -> Any:
+        """The table of streams."""
+        from mocapella.streams.stream import STREAMS
+
+        return STREAMS

@@ -6,20 +6,13 @@ OSC 1.0 (M. Wright, *The Open Sound Control 1.0 Specification*, 2002); `mocapell
 from __future__ import annotations
 
 import socket
-import struct
 from types import TracebackType
 from typing import Final
 
 from mocapella.errors import SettingsError
+from mocapella.schema.osc_messages import osc_message
 
 _EXAMPLE: Final = "expected HOST:PORT, such as 127.0.0.1:9000"
-
-
-def encode_message(address: str, *values: float) -> bytes:
-    """Encode a message of 32-bit floats; ``address`` begins with ``/`` and has no null character."""
-    texts = (text.encode() for text in (address, "," + "f" * len(values)))
-    padded = b"".join(text + b"\0" * (4 - len(text) % 4) for text in texts)
-    return padded + struct.pack(">" + "f" * len(values), *values)
 
 
 class OscSender:
@@ -46,8 +39,12 @@ class OscSender:
 
     def send(self, address: str, *values: float) -> None:
         """Send one message; raise `SettingsError` if the network refuses the receiver."""
+        self.send_datagram(osc_message(address, *(float(value) for value in values)))
+
+    def send_datagram(self, data: bytes) -> None:
+        """Send an encoded message or bundle; raise `SettingsError` if the network refuses the receiver."""
         try:
-            self._socket.sendto(encode_message(address, *values), self._target)
+            self._socket.sendto(data, self._target)
         except OSError as error:
             raise SettingsError(f"OSC to {self._target[0]}:{self._target[1]}: {error.strerror}; {_EXAMPLE}") from None
 
