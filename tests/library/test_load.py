@@ -70,6 +70,35 @@ def test_a_plot_has_a_line_for_each_individual_and_axis(take: Path) -> None:
         people.plot("Hed")
 
 
+def test_a_plot_of_angles_has_both_sides_in_a_panel_with_states_and_uncertainty(take: Path) -> None:
+    people = mocapella.load(take).people
+    assert people is not None
+    angles = people.joint_angles()
+    k = angles.names.index("knee_angle_r")
+    angles.states[5, 0, k], angles.states[9, 0, k] = 1, 0
+    angles.angles[9, 0, k], angles.sd[:, 0, k] = np.nan, 0.1
+    figure = angles.plot("knee_angle_l", "knee_angle_r")
+    (axes,) = figure.axes
+    assert axes.get_title() == "knee_angle"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["person_0 left", "person_0 right"]
+    right, dots = axes.lines[2:]
+    expected = np.degrees(angles.angles[:, 0, k])
+    measured = np.isin(np.arange(len(angles)), (5, 9), invert=True)
+    np.testing.assert_array_equal(right.get_ydata()[measured], expected[measured])
+    assert np.isnan(right.get_ydata()[[5, 9]]).all()
+    np.testing.assert_array_equal(dots.get_ydata(), expected[[5]])
+    assert len(axes.collections) >= 1  # the band of the standard deviation
+    every = angles.plot()
+    shown = [one.get_title() for one in every.axes if one.get_visible()]
+    known = np.isfinite(angles.angles).any(axis=(0, 1))
+    assert set(shown) == {name.removesuffix("_l").removesuffix("_r") for name in np.array(angles.names)[known]}
+    with pytest.raises(SettingsError, match=r"no angle 'knee_angle'; known: .*knee_angle"):
+        angles.plot("knee_angle")
+    angles.angles[:] = np.nan
+    with pytest.raises(SettingsError, match="no angle of people is ever known, so there is nothing to plot"):
+        angles.plot()
+
+
 def test_in_a_sensors_space_it_needs_the_sensors_pose(take: Path) -> None:
     with pytest.raises(SettingsError, match="no pose of a sensor 'front'"):
         mocapella.load(take).seen_from("front")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from support.keypoint_folders import RATE_HZ, frames_of, walkers, write_openpose
 
+from mocapella.library.people_report import PeopleReport, alarms
 from mocapella.library.people_triangulation import triangulate_people
-from mocapella.library.rig_units import FEWEST, people_lengths, rig_in_metres
+from mocapella.library.rig_units import FEWEST, people_lengths, rig_in_metres, unlikely_scale
 from mocapella.model.camera import CameraRig
 from mocapella.model.camera_rig_file import load_camera_rig, save_camera_rig
 from mocapella.model.keypoints import KeypointFrame
@@ -72,6 +73,42 @@ def test_too_few_people_tell_no_unit(frames: Frames, rig: CameraRig) -> None:
     given = times(rig, 100.0)
     assert rig_in_metres({name: some[:0] for name, some in frames.items()}, given) == (given, "")
     assert rig_in_metres({name: some[:1] for name, some in list(frames.items())[:1]}, given) == (given, "")
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.0, ""), (0.7, ""), (1.6, "times too large"), (0.3, "times too small"), (10.0, "too large")]
+)
+def test_people_of_an_impossible_size_are_told_with_the_scale(
+    frames: Frames, rig: CameraRig, factor: float, said: str
+) -> None:
+    text = unlikely_scale(frames, times(rig, factor))
+    assert said in text
+    assert bool(said) == bool(text)
+    assert unlikely_scale({name: some[:0] for name, some in frames.items()}, times(rig, factor)) == ""
+
+
+def test_lengths_do_not_need_a_neck_which_not_every_detector_has(frames: Frames, rig: CameraRig) -> None:
+    neck = next(iter(frames.values()))[0].topology.index("Neck")
+    for some in (without := {name: list(some) for name, some in frames.items()}).values():
+        for k, one in enumerate(some):
+            confidences = np.array(one.confidences)
+            confidences[:, neck] = 0.0
+            some[k] = msgspec.structs.replace(one, confidences=confidences)
+    np.testing.assert_allclose(
+        np.median(people_lengths(without, rig)), np.median(people_lengths(frames, rig)), atol=0.1
+    )
+
+
+def test_an_impossible_size_is_an_alarm_of_its_own() -> None:
+    report = PeopleReport(10, {}, {}, float("nan"), scale="people are 2 m …")
+    assert alarms(report)[0] == report.scale
+
+
+@pytest.mark.slow
+def test_whoever_triangulates_with_a_scaled_rig_is_told_so(folder: Path, rig: CameraRig) -> None:
+    folders = [one for one in sorted(folder.iterdir()) if one.is_dir()]
+    notes = triangulate_people(folders, times(rig, 1.6), fps=RATE_HZ).notes
+    assert any("times too large" in note for note in notes)
 
 
 @pytest.mark.slow

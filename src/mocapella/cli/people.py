@@ -301,9 +301,10 @@ def _track(path: Path, shown: VideoSet, finds: Mapping[str, Any], method: str, s
         say(sentence)
     for reason, frames in run.rejected.items():
         say(f"{frames} images were not used: {reason}")
-    if method == METHOD and (problem := wrong_up(run.upright)):
+    report = compared.report() if method == METHOD else None
+    if report is not None and not report.flipped and (problem := wrong_up(run.upright)):
         say(problem)
-    return _Done(run.counts, whole, compared.report() if method == METHOD else None)
+    return _Done(run.counts, whole, report)
 
 
 def _follow(
@@ -347,9 +348,10 @@ def _tell_agreement(report: PeopleReport) -> None:
 
     from mocapella.library.people_report import alarms
 
-    if not report.people:
+    if not report.people and not report.flipped:
         return  # the reason is printed
-    show_people(report, Console(stderr=True, highlight=False))
+    if report.people:
+        show_people(report, Console(stderr=True, highlight=False))
     for sentence in alarms(report, films=True):
         say(sentence)
 

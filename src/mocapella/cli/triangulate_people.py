@@ -125,7 +125,7 @@ def _tell(done: TriangulatedPeople, written: list[Path], json: str | None) -> No
         show_people(done.report, Console(highlight=False))
     people, count = done.people, len(done.report.people)
     if people is None:
-        say("nobody was tracked: compare the cameras' names and the rig, the frame rate and the order of the keypoints")
+        say("nobody was tracked; the lines above say why")
         raise typer.Exit(1)
     shown = len(people.individuals)
     limit = f", of {count}" if count > shown else ""

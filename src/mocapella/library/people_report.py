@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mocapella.association.exchanged_cameras import exchange_text, exchanged_cameras
 from mocapella.association.image_agreement import CONTRARY, image_agreement
+from mocapella.association.ray_agreement import INSTANTS
+from mocapella.conventions import NS_PER_S
+from mocapella.library.flipped_images import flipped_images
+from mocapella.library.late_cameras import MomentsOfCameras
+from mocapella.library.rig_units import unlikely_scale
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.observations import Arrival, JointState
@@ -34,6 +40,8 @@ _ELSEWHERE: Final = (
     "it sees another room, is another camera of the rig, moved after the calibration, or began at another time; leave "
     "it out, or calibrate it again"
 )
+
+_BLIND: Final = "look at the images (dark, covered, of another room), and detect again"
 
 
 class PersonReport(msgspec.Struct, frozen=True):
@@ -85,12 +93,23 @@ class PeopleReport(msgspec.Struct, frozen=True):
         people: report of each person, by name.
         cameras: report of each camera, by its name in the rig.
         residual_px: median over all used keypoints [px]; NaN without any.
+        exchanged: which cameras' images seem exchanged, as a clause; empty if none do.
+        flipped: sentence that names the cameras whose images are mirrored or upside down; empty without any, and if
+            some are exchanged.
+        scale: sentence about people of an impossible size, with the rig's likely scale; empty if it is possible, and
+            if images are exchanged or flipped.
+        late: by camera, how much later the moments are that its images show than those of the others, negative if they
+            are earlier [s], and the number of images in that time.
     """
 
     instants: int
     people: Mapping[str, PersonReport]
     cameras: Mapping[str, CameraPeopleReport]
     residual_px: float
+    exchanged: str = ""
+    flipped: str = ""
+    scale: str = ""
+    late: Mapping[str, tuple[float, int]] = {}
 
 
 def people_report(arrivals: Sequence[Arrival], scenes: Sequence[Scene], rig: CameraRig) -> PeopleReport:
@@ -116,7 +135,7 @@ def people_report(arrivals: Sequence[Arrival], scenes: Sequence[Scene], rig: Cam
 
 
 class PeopleComparison:
-    """Compares the people of one instant after the other with the keypoints of all cameras; keeps no frames.
+    """Compares the people of one instant after the other with the keypoints of all cameras; keeps few frames.
 
     Args:
         rig: the cameras.
@@ -128,17 +147,35 @@ class PeopleComparison:
         self._people: dict[str, list[Any]] = {}
         self._instants = 0
         self._seen: set[str] = set()
+        self._rig, self._kept, self._stride = rig, list[dict[str, KeypointFrame]](), 1
+        self._moments = MomentsOfCameras()
 
     def add(self, frames: Iterable[KeypointFrame], scene: Scene) -> None:
         """Compare the frames of an instant with the people in its last scene."""
+        frames = list(frames)
+        self._keep(frames)
         self._instants += 1
+        moments = None if self._moments.full or not scene.people else self._moments
+        if moments:
+            names = {person_name(one.name, one.id): one.positions for one in scene.people}
+            moments.begin(scene.at_ns / NS_PER_S, names)
         for person in scene.people:
             self._people.setdefault(person_name(person.name, person.id), []).append(person.states)
         for frame in frames:
             self._seen.add(frame.sensor)
             if frame.sensor in self._cameras:
-                for name, far in self._cameras[frame.sensor].compare(frame, scene):
-                    self._residuals.setdefault(name, []).append(far)
+                for seen in self._cameras[frame.sensor].compare(frame, scene):
+                    self._residuals.setdefault(seen.person, []).append(seen.near_px)
+                    if moments:
+                        moments.see(frame.sensor, seen.person, seen.keypoints, seen.size_px)
+
+    def _keep(self, frames: Sequence[KeypointFrame]) -> None:
+        """Keep some instants that two cameras see people in, spread over all: at most twice `INSTANTS`."""
+        seen = {one.sensor: one for one in frames if len(one.ids) and one.sensor in self._cameras}
+        if self._instants % self._stride == 0 and len(seen) > 1:
+            self._kept.append(seen)
+        if len(self._kept) > 2 * INSTANTS:
+            self._kept, self._stride = self._kept[::2], 2 * self._stride
 
     def report(self, seen: Iterable[str] = ()) -> PeopleReport:
         """Return the report so far.
@@ -154,7 +191,14 @@ class PeopleComparison:
             for name, states in sorted(self._people.items())
         }
         cameras = {name: camera.report() for name, camera in self._cameras.items() if name in there}
-        return PeopleReport(self._instants, people, cameras, _median(everything))
+        exchanged = exchange_text(exchanged_cameras(self._kept, self._rig.cameras))
+        kept: dict[str, list[KeypointFrame]] = {}
+        for name, frame in (item for instant in self._kept for item in instant.items()):
+            kept.setdefault(name, []).append(frame)
+        flipped = "" if exchanged else flipped_images(kept, self._rig)
+        scale = "" if exchanged or flipped else unlikely_scale(kept, self._rig)
+        late = {} if exchanged or flipped else self._moments.found(self._rig.cameras)
+        return PeopleReport(self._instants, people, cameras, _median(everything), exchanged, flipped, scale, late)
 
 
 def alarms(report: PeopleReport, *, films: bool = False) -> list[str]:
@@ -164,21 +208,48 @@ def alarms(report: PeopleReport, *, films: bool = False) -> list[str]:
         report: the comparison.
         films: whether the keypoints are of films, so their order is known.
     """
+    if report.exchanged:
+        return [f"{report.exchanged}: exchange the names of their files, or their names in the rig"]
+    if report.flipped:
+        return [report.flipped]  # which explains the rest
+    blind = [name for name, one in report.cameras.items() if not one.detections]
+    if blind and len(blind) == len(report.cameras):
+        return [f"no camera's keypoints have a person: {_BLIND}"]
+    most = max((one.detections for one in report.cameras.values()), default=0)
+    unseen = [f"camera {name}: its keypoints have no person: {_BLIND}" for name in blind if most >= LEAST_DETECTIONS]
+    return [*unseen, *_disagreements(report, films=films)]
+
+
+def _disagreements(report: PeopleReport, *, films: bool) -> list[str]:
+    """Return the sentences about people and cameras that disagree."""
     bad = {name: why for name, one in report.cameras.items() if (why := _why(one))}
     if not report.people or len(bad) > 1:
         many = not report.people or len(bad) * 2 >= len(report.cameras)
     else:
         many = bool(bad) and len(report.cameras) == 2  # nothing tells which of two is wrong
-    if not many:
-        return [f"camera {name}: {why}" for name, why in bad.items()]
+    scale = [report.scale] if report.scale else []
+    late = [f"camera {name}: {_late(*one, films=films)}" for name, one in report.late.items()]
+    if late or not many:
+        return [*scale, *late, *(f"camera {name}: {why}" for name, why in bad.items() if name not in report.late)]
     start = "nobody was found that two cameras agree on"
     if report.people:
         start = f"the cameras disagree ({', '.join(report.cameras if len(report.cameras) == 2 else bad)})"
     order = "" if films else "the order of keypoints (--set order=…), "
     return [
+        *scale,
         f"{start}: compare the rig with the recording (its cameras and their names), {order}whether the cameras "
-        "began together, and whether they see the same room"
+        "began together, and whether they see the same room",
     ]
+
+
+def _late(seconds: float, images: int, *, films: bool) -> str:
+    """Return what to do about a camera whose images show other moments."""
+    kind, when = "films" if films else "files", "later" if seconds > 0 else "earlier"
+    which = f"the others' {kind}" if seconds > 0 else f"its {kind[:-1]}"
+    return (
+        f"its images show moments about {abs(seconds):.2g} s {when} than the others': leave out the first {images} "
+        f"images of {which}"
+    )
 
 
 def _why(camera: CameraPeopleReport) -> str:
@@ -197,6 +268,22 @@ def _why(camera: CameraPeopleReport) -> str:
     return ""
 
 
+class _Seen(NamedTuple):
+    """A person in a camera's image.
+
+    Attributes:
+        person: the name.
+        near_px: distances of the keypoints that agree from the joints [px].
+        keypoints: (joints, 2) confident keypoints at the person's joints; NaN for others [px].
+        size_px: size of the person in the image [px].
+    """
+
+    person: str
+    near_px: Float64
+    keypoints: Float64
+    size_px: float
+
+
 class _Camera:
     """Compares a camera's keypoints with the joints of people, and counts."""
 
@@ -206,8 +293,8 @@ class _Camera:
         self._contrary = 0
         self._residuals: list[Float64] = []
 
-    def compare(self, frame: KeypointFrame, scene: Scene) -> Iterable[tuple[str, Float64]]:
-        """Compare a frame with the people of its instant; yield a person's name and the distances that agree [px]."""
+    def compare(self, frame: KeypointFrame, scene: Scene) -> Iterable[_Seen]:
+        """Compare a frame with the people of its instant; yield each person who is seen."""
         width, height = frame.size_px
         confident = frame.confidences > CONFIDENT
         own = frame.positions_px[confident]
@@ -229,7 +316,9 @@ class _Camera:
             self._keypoints += len(distances)
             self._rejected += len(distances) - len(near)
             self._residuals.append(near)
-            yield person_name(people[k].name, people[k].id), near
+            at_joints = np.full((len(scene.topology), 2), np.nan)
+            at_joints[pairs[:, 1]] = keypoints[i]
+            yield _Seen(person_name(people[k].name, people[k].id), near, at_joints, float(found.size[k]))
 
     def report(self) -> CameraPeopleReport:
         """Return the counts so far."""

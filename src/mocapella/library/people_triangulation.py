@@ -11,6 +11,7 @@ import numpy as np
 
 from mocapella.conventions import NS_PER_S
 from mocapella.errors import InputError, SettingsError
+from mocapella.library.exchanged_images import check_not_exchanged
 from mocapella.library.keypoint_tracking import arrivals_of, rig_with_y_up, track_arrivals, without_gaps
 from mocapella.library.motion_tracks import MotionTracks
 from mocapella.library.people_files import save_people, up_problem
@@ -151,6 +152,7 @@ def track_detections(
     }
     frames = _with_all_instants(frames, found, names, fps)
     check_image_sizes(frames, rig, file=source)
+    check_not_exchanged(frames, rig, file=source)
     rig, unit = rig_in_metres(frames, rig)
     arrivals = arrivals_of(frames, rig)
     recording, scenes = track_arrivals(
@@ -159,7 +161,7 @@ def track_detections(
     progress("comparing people with the keypoints")
     report = people_report(arrivals, scenes, rig)
     people = recording.people
-    up = "" if people is None else up_problem(people)
+    up = "" if people is None or report.flipped else up_problem(people)
     kinds = {one.topology.name: one.topology for one in found if one.topology is not None}
     notes = [*dict.fromkeys(note for one in found for note in one.notes), *recording.problems, *alarms(report)]
     return TriangulatedPeople(

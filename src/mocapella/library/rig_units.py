@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocapella.association.keypoint_rays import sources_named
-from mocapella.library.rig_image_sizes import AGREES, apart, rays_of, shared_instants, spread_of
+from mocapella.association.ray_agreement import AGREES, apart, rays_of, shared_instants, spread_of
 from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
 from mocapella.model.topology import topology
@@ -26,6 +26,8 @@ USUAL_M: Final = 1.25
 """Length of people from the neck over hips and knees to the ankles: between that of adults and children [m]."""
 FEWEST: Final = 10
 """Least number of such lengths that tell the unit."""
+POSSIBLE_M: Final = (0.5, 1.7)
+"""Such lengths of children from 0.8 m to people of 2.2 m, and a tenth more [m]."""
 LEAST_SINE: Final = 0.1
 """Least sine of the angle between two rays that measure a distance."""
 UNITS: Final = {-3: "millimetres", -2: "centimetres", 1: "centimetres", 3: "metres"}
@@ -38,6 +40,9 @@ _CHAINS: Final = [
     [topology("halpe_26").index(name) for name in ("Neck", f"{side}Hip", f"{side}Knee", f"{side}Ankle")]
     for side in "LR"
 ]
+
+_NECK: Final = topology("halpe_26").index("Neck")
+_SHOULDERS: Final = [topology("halpe_26").index(f"{side}Shoulder") for side in "LR"]
 
 
 def rig_in_metres(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig) -> tuple[CameraRig, str]:
@@ -65,6 +70,26 @@ def rig_in_metres(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig)
     )
 
 
+def unlikely_scale(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig) -> str:
+    """Return a sentence if the people are larger or smaller than people are, with the likely scale, or no text.
+
+    Args:
+        frames: the frames by the rig's camera names; frames of one instant have the same ``sequence``.
+        rig: the cameras.
+    """
+    lengths = people_lengths(frames, rig)
+    length = float(np.median(lengths)) if len(lengths) >= FEWEST else USUAL_M
+    least, most = POSSIBLE_M
+    if least <= length <= most:
+        return ""
+    than, factor, size = ("longer", length / USUAL_M, "large") if length > most else ("less", USUAL_M / length, "small")
+    return (
+        f"people are {length:.3g} m from neck to ankles, {than} than people are: the rig's lengths are about "
+        f"{factor:.2g} times too {size}, and so are all results; give the true size of the board's squares, and "
+        "calibrate again"
+    )
+
+
 def people_lengths(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig) -> Float64:
     """Return lengths (n,) of people from the neck to the ankles, of two cameras each, in the unit of the rig."""
     found: list[float] = []
@@ -81,6 +106,8 @@ def people_lengths(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig
             for i, j in zip(range(len(some)), away.argmin(axis=1) if away.size else (), strict=False):
                 if away[i, j] < AGREES:
                     points = _crossings(o, some[i], p, others[j])
+                    if np.isnan(points[_NECK]).any():  # not every detector has it
+                        points[_NECK] = points[_SHOULDERS].mean(axis=0)
                     found += [float(np.linalg.norm(np.diff(points[chain], axis=0), axis=1).sum()) for chain in _CHAINS]
     lengths = np.array(found)
     known: Float64 = lengths[np.isfinite(lengths)]
