@@ -145,8 +145,8 @@ def test_whoever_goes_aside_and_all_boards_stay_in_the_cameras_picture(stand, as
 
 
 @pytest.mark.parametrize("camera", [None, 1])
-def test_on_a_telephone_all_is_over_the_sheet_that_covers_three_fifths(stand, camera):
-    aspect = 390 / 844
+def test_on_a_phone_all_is_in_the_picture_and_as_large_as_may_be(stand, camera):
+    aspect = 390 / 464
     if camera is None:
         look = look_along(stand.sight, stand.planes, aspect)
         points = [plane.moved(stand.sight.middle).corners for plane in stand.planes] + [stand.vertices(0.0)]
@@ -155,8 +155,7 @@ def test_on_a_telephone_all_is_over_the_sheet_that_covers_three_fifths(stand, ca
         points = [stand.planes[camera].moved(stand.sight.middle).corners]
     seen = on_screen(look, np.concatenate(points), aspect)
     assert np.abs(seen).max() < 1.0
-    assert seen[:, 1].min() > 1 - 2 * 0.4
-    assert max(np.ptp(seen[:, 0]) / 2.0, np.ptp(seen[:, 1]) / 0.8) > 0.85  # and as large as may be
+    assert np.ptp(seen, axis=0).max() > 1.7
 
 
 def test_of_whom_nobody_is_there_is_not_gone_after(stand):

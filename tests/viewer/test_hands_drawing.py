@@ -135,6 +135,8 @@ def test_a_hand_is_drawn_with_all_bones_at_its_places_and_a_tag_says_what_it_is(
     states = np.where(np.arange(21) < 8, JointState.INFERRED, JointState.TRACKED).astype(np.uint8)
     (tag,) = hands_drawing(scene(hand(left=True, states=states))).tags
     assert tag.text == "Left hand · 13 of 21 measured"
+    (tag,) = hands_drawing(scene(hand(states=np.full(21, JointState.INFERRED, np.uint8)))).tags
+    assert tag.text == "Right hand · predicted: no marker is measured now"
 
 
 def test_nan_draws_nothing_and_never_reaches_the_browser() -> None:

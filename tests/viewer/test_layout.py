@@ -9,14 +9,13 @@ from support.walkers import in_picture
 from mocapella.viewer import layout
 
 
-@given(st.floats(0.5, 3.0), st.floats(0.05, 1.2), st.integers(0, 9), st.sampled_from([-1.0, -0.3, 0.2]))
-def test_a_framed_camera_has_all_points_in_what_is_seen_of_its_picture_and_fills_it(aspect, elevation, sensors, lowest):
+@given(st.floats(0.5, 3.0), st.floats(0.05, 1.2), st.integers(0, 9))
+def test_a_framed_camera_has_all_points_in_its_picture_and_fills_it(aspect, elevation, sensors):
     points = np.concatenate([layout.tracking_box().corners, layout.sensors_box(sensors).corners])
-    look = layout.frame(points, fov=0.7, aspect=aspect, elevation=elevation, lowest=lowest)
+    look = layout.frame(points, fov=0.7, aspect=aspect, elevation=elevation)
     xy = in_picture(look, points, aspect)
     assert np.abs(xy).max() <= 1 + 1e-6
-    assert xy[:, 1].min() >= lowest - 1e-6
-    assert (np.ptp(xy, axis=0) / [2.0, 1.0 - lowest]).max() > 0.85
+    assert np.ptp(xy, axis=0).max() > 1.7
 
 
 def test_to_the_left_of_the_screen_is_plus_x_as_in_camera_space():

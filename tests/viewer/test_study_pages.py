@@ -249,6 +249,44 @@ def test_the_participants_screen_is_read_from_four_metres_and_shows_where_to_go(
     page.close()
 
 
+LINES = """() => {
+  const text = document.querySelector("#instruction").firstChild;
+  return [...text.data.matchAll(/\\S+/g)].map(word => {
+    const range = new Range();
+    range.setStart(text, word.index);
+    range.setEnd(text, word.index + word[0].length);
+    return new Set([...range.getClientRects()].map(one => Math.round(one.top))).size;
+  });
+}"""
+"""The number of lines on which each word of the instruction is."""
+
+
+@pytest.mark.parametrize("path", ["study", "participant"])
+@pytest.mark.parametrize(("width", "height"), [(320, 568), (390, 844), (768, 1024), (844, 390), (1280, 720)])
+def test_no_word_is_broken_and_nothing_is_cut_off_on_any_screen(
+    showing: Session, browser: Any, path: str, width: int, height: int
+) -> None:
+    page, errors = opened(browser, showing.page.study_url(path), width, height)
+    page.wait_for_function("document.querySelector('#instruction').textContent.includes('left corner')")
+    assert set(page.evaluate(LINES)) == {1}
+    words, then, plan = (page.locator(one).bounding_box() for one in ("#instruction", "#following", "#map"))
+    assert words["x"] >= 0
+    assert words["x"] + words["width"] <= width
+    assert words["y"] + words["height"] <= then["y"]
+    assert plan["y"] >= 0
+    assert plan["y"] + plan["height"] <= height
+    if width <= 800:
+        assert then["y"] + then["height"] <= plan["y"]
+    if path == "study":
+        assert words["y"] >= page.locator("header").bounding_box()["height"]
+        next_one = page.locator("#next").bounding_box()
+        assert plan["y"] + plan["height"] <= next_one["y"]
+        assert next_one["y"] + next_one["height"] <= height  # without scrolling
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert errors == []
+    page.close()
+
+
 HEARD = """
 window.heard = [];
 window.AudioContext = class {

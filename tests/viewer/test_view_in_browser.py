@@ -735,3 +735,32 @@ def test_who_has_the_watchers_address_sees_all_and_controls_nothing(server, chro
     watcher.page.wait_for_timeout(500)
     assert server.commands == []
     page.close()
+
+
+PHONE = {"width": 390, "height": 844}
+PLACES = """() => ["canvas", ".mantine-Paper-root:has(.mocapella-status)"].map(one => {
+  const {left, right, top, bottom} = document.querySelector(one).getBoundingClientRect();
+  return [left, right, top, bottom];
+})"""
+"""Left, right, top and bottom of the 3D scene and of the panel [px]."""
+
+
+@pytest.mark.slow
+def test_on_a_phone_the_panel_is_below_the_scene_and_folds_away(server, chromium):
+    page = chromium.new_page()
+    page.add_init_script(DRAW_NOTHING)
+    page.set_viewport_size(PHONE)
+    phone = Tab(page, server.viewer.url)
+    try:
+        until(phone, lambda: phone.page.evaluate(PLACES)[0][3] < 500, "the scene ends above the panel")
+        scene, panel = phone.page.evaluate(PLACES)
+        assert scene[:3] == [0, 390, 0]
+        assert panel[:2] == [0, 390]
+        assert (scene[3], panel[3]) == (panel[2], 844)
+        assert scene[3] > 0.54 * 844
+        phone.page.get_by_text("Mocapella", exact=True).click()
+        until(phone, lambda: phone.page.evaluate(PLACES)[0][3] > 700, "the scene fills the page")
+        scene, panel = phone.page.evaluate(PLACES)
+        assert (scene[3], panel[3]) == (panel[2], 844)
+    finally:
+        page.close()

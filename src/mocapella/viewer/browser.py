@@ -41,9 +41,6 @@ ROUND: Final = 1.2
 """Size of the browser's view relative to an image that is shown large in it, which leaves space for text."""
 ASPECT: Final = 1.4
 """Width over height of a usual window beside the panel."""
-_TALL: Final = 0.7
-"""Aspect ratio below which a browser is an upright phone, whose panel covers the lower three fifths of the view."""
-_OVER_SHEET: Final = 0.2
 _ELEVATION_ALONG: Final = float(np.radians(9.0))
 _MARGIN_ALONG, _MARGIN_PICTURE = 1.06, 1.02
 _HALF_M: Final = 0.45
@@ -79,9 +76,7 @@ def look_along(sight: Framing, planes: Sequence[Plane], aspect: float) -> Look:
         aspect: width of the browser's canvas over its height.
     """
     corners = np.concatenate([sight.corners, *(plane.corners + sight.middle for plane in planes)])
-    return layout.frame(
-        corners, fov=FOV, aspect=aspect, elevation=_ELEVATION_ALONG, margin=_MARGIN_ALONG, lowest=_lowest(aspect)
-    )
+    return layout.frame(corners, fov=FOV, aspect=aspect, elevation=_ELEVATION_ALONG, margin=_MARGIN_ALONG)
 
 
 def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
@@ -93,11 +88,7 @@ def look_at_picture(sight: Framing, plane: Plane, aspect: float) -> Look:
         aspect: width of the browser's canvas over its height.
     """
     corners = plane.moved(sight.middle).corners
-    return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE, lowest=_lowest(aspect))
-
-
-def _lowest(aspect: float) -> float:
-    return _OVER_SHEET if aspect < _TALL else -1.0
+    return layout.frame(corners, fov=FOV, aspect=aspect, elevation=0.0, margin=_MARGIN_PICTURE)
 
 
 class Browser:
@@ -331,9 +322,7 @@ class Browser:
                     self._sight.corners, *(plane.corners + self._sight.middle for plane in planes.values()),
                     layout.sensors_box(lanes).corners,
                 ])  # fmt: skip
-                look = layout.frame(
-                    corners, fov=FOV, aspect=camera.aspect, elevation=_ELEVATION, lowest=_lowest(camera.aspect)
-                )
+                look = layout.frame(corners, fov=FOV, aspect=camera.aspect, elevation=_ELEVATION)
         if picture != self._picture_before or wish is not None:
             self._picture_before = picture
             camera.put(look)

@@ -118,9 +118,7 @@ def title_place(box: BoundingBox) -> tuple[float, float, float]:
     return float(box.high[0]) - 0.1, float(box.low[1]), float(box.low[2])
 
 
-def frame(
-    points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05, lowest: float = -1.0
-) -> Look:
+def frame(points: Float64, *, fov: float, aspect: float, elevation: float, margin: float = 1.05) -> Look:
     """Return the nearest camera that looks along +z, down by ``elevation``, and sees all the points.
 
     Args:
@@ -129,7 +127,6 @@ def frame(
         aspect: width of the canvas over its height.
         elevation: angle between the camera's axis and the horizontal, downwards positive [rad].
         margin: height and width of the view relative to the smallest that contains the points; above 1 leaves a border.
-        lowest: height in the canvas below which other elements cover it, from −1 (lower border) to 1 (upper border).
     """
     forward = np.array([0.0, -np.sin(elevation), np.cos(elevation)])
     up = np.array([0.0, np.cos(elevation), np.sin(elevation)])
@@ -137,13 +134,12 @@ def frame(
     above = np.tan(fov / 2) / margin
     beside = above * aspect
     across, high, deep = points @ right, points @ up, points @ forward
-    below = (1 + lowest) * np.tan(fov / 2) - above  # −above where nothing is covered
-    # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while below·(d − d0) ≤ h − h0 ≤ above·(d − d0)
-    # and |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
-    top, bottom = (high - above * deep).max(), (high - below * deep).min()
+    # A point (a, h, d) is in the picture of a camera at (a0, h0, d0) while |h − h0| ≤ above·(d − d0) and
+    # |a − a0| ≤ beside·(d − d0): each tightest pair of lines meets at the nearest camera.
+    top, bottom = (high - above * deep).max(), (high + above * deep).min()
     left, right_most = (across + beside * deep).min(), (across - beside * deep).max()
-    d0 = min((bottom - top) / (above - below), (left - right_most) / (2 * beside))
-    h0 = (top + bottom + (above + below) * d0) / 2
+    d0 = min((bottom - top) / (2 * above), (left - right_most) / (2 * beside))
+    h0 = (top + bottom) / 2
     position = (left + right_most) / 2 * right + h0 * up + d0 * forward
     distance = (deep.min() + deep.max()) / 2 - d0
     return Look(position, position + forward * distance, fov)

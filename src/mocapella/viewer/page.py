@@ -39,7 +39,17 @@ from mocapella.viewer.study_page import SOCKET, StudyPages
 _INFRA: Final[Any] = viser.infra._infra
 _THEIR_SOCKETS: Final[Any] = _INFRA.websockets
 _THEIR_TITLE: Final = b"<title>Viser</title>"
-_TITLE: Final = b"<title>Mocapella</title>"
+_SHEET: Final = '.mantine-Paper-root[style*="max-height: 60%"]'
+"""Selector of the panel in a narrow window, where the library lays it over the lower part of the 3D scene."""
+_STYLE: Final = f"""
+@media (max-width: 36em) {{
+  :has(> {_SHEET}) {{ flex-direction: column; }}
+  :has(> {_SHEET}) > :not({_SHEET}, .mantine-Notifications-root) {{ height: auto !important; min-height: 0; }}
+  {_SHEET} {{ position: relative !important; flex: none; width: 100% !important; max-height: 45% !important; }}
+  {_SHEET} [style*="width: 20em"] {{ width: 100% !important; }}
+}}"""
+_HEAD: Final = f"<title>Mocapella</title><style>{_STYLE}</style>".encode()
+"""Title and style of the page. In a narrow window the panel is below the scene, and does not cover it."""
 _TOP, _BOTTOM = np.array([30.0, 41.0, 60.0]), np.array([9.0, 12.0, 19.0])
 """Background colours at the top and at the bottom of the view: red, green and blue, 0 to 255."""
 MAX_MESSAGE_BYTES: Final = 1 << 20
@@ -150,7 +160,7 @@ def open_page(host: str, port: int, panel_px: int, send: SendCommand | None = No
 
 
 class _Page:
-    """The library's page under our title: the part of `pathlib.Path` that its web server uses."""
+    """The library's page with our title and style: the part of `pathlib.Path` that its web server uses."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -169,7 +179,7 @@ class _Page:
 
     def read_bytes(self) -> bytes:
         content = self._path.read_bytes()
-        return content.replace(_THEIR_TITLE, _TITLE, 1) if self._path.name == "index.html" else content
+        return content.replace(_THEIR_TITLE, _HEAD, 1) if self._path.name == "index.html" else content
 
 
 class _PageSocket(viser.infra.WebsockServer):

@@ -147,7 +147,8 @@ def _hand_tag(hand: TrackedHand, where: Float64) -> Tag:
     top = where[np.isfinite(where).all(axis=-1)]
     measured = int((hand.states == JointState.TRACKED).sum())
     holds = f" · holds {hand.holds}" if hand.holds else ""
-    text = f"{'Left' if hand.left else 'Right'} hand · {measured} of {len(hand.states)} measured{holds}"
+    known = f"{measured} of {len(hand.states)} measured" if measured else "predicted: no marker is measured now"
+    text = f"{'Left' if hand.left else 'Right'} hand · {known}{holds}"
     return Tag(text, tuple((top[np.argmax(top[:, 1])] + _OVER).tolist()))
 
 
