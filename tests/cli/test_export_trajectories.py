@@ -285,3 +285,26 @@ def test_a_person_has_the_fingers_of_the_hand_at_the_wrist(tmp_path: Path) -> No
     assert {one.name for one in tmp_path.iterdir()} == {"a.mcap", "b.mcap", "b.people.glb", "b.hands.glb"}
     assert b"leftIndexProximal" in (tmp_path / "b.people.glb").read_bytes()
     assert b"rightIndexProximal" not in (tmp_path / "b.people.glb").read_bytes()
+
+
+def test_a_damaged_take_is_named_once_in_each_line(tmp_path: Path) -> None:
+    data = take(tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "torn.mcap").write_bytes(data[: len(data) * 2 // 3])
+    (tmp_path / "none.mcap").write_bytes(data[:2000])
+    done = run_here(tmp_path, "export", "csv", "a", "torn", "none", "--out", ".")
+    lines = [line for line in done.stderr.splitlines() if line.startswith(("torn.mcap", "none.mcap"))]
+    assert {line.split(".mcap")[0] for line in lines} == {"torn", "none"}
+    for line in lines:
+        words = line.split("`", maxsplit=1)[0]
+        assert words.count("torn.mcap") + words.count("none.mcap") == 1, line
+
+
+def test_a_line_break_in_a_files_name_is_shown_as_an_escape(tmp_path: Path) -> None:
+    take(tmp_path / "a.mcap")
+    for words in ((), ("--force",), ()):
+        done = run_here(tmp_path, "export", "bvh", "a", "--out", "b\nc.bvh", *words)
+        assert "b\\nc.bvh" in done.stderr
+        assert "b\nc.bvh" not in done.stderr
+    assert (tmp_path / "b\nc.bvh").exists()
+    done = run_here(tmp_path, "export", "csv", "a", "--out", "x\ny/z.csv")
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mocapella.errors import SettingsError
 from mocapella.geometry.twists import exp_twist
-from mocapella.model.resampling import LONGEST_GAP_S, resampled, usual_rate_hz
+from mocapella.model.resampling import LONGEST_GAP_S, check_rate, resampled, usual_rate_hz
 from mocapella.model.trajectories import Trajectories
 
 
@@ -76,6 +76,17 @@ def test_the_usual_rate_is_whole_if_it_is_near_a_whole_number() -> None:
 def test_an_impossible_rate_is_refused(rate: float) -> None:
     with pytest.raises(SettingsError, match="rate"):
         resampled(line(np.arange(3.0)), rate)
+
+
+@given(st.floats(0.01, 1e6))
+def test_a_rate_that_gives_one_frame_of_many_is_refused_with_one_that_works(seconds: float) -> None:
+    with pytest.raises(SettingsError, match="a lower rate gives a single frame") as refused:
+        check_rate(line(np.linspace(0.0, seconds, 5)), 0.5 / seconds)
+    least = float(str(refused.value).split("at least ")[1].split(" Hz")[0])
+    check_rate(line(np.linspace(0.0, seconds, 5)), least)
+    if least <= 10_000:
+        assert len(resampled(line(np.linspace(0.0, seconds, 5)), least)) == 2
+    check_rate(line(np.zeros(1)), 1e-9)  # of one frame there is no other
 
 
 @pytest.mark.parametrize("rate", [5.0, 9.0, 30.0])

@@ -209,6 +209,24 @@ SPACE_HELP: Final = "Name of the other tracker's coordinate space."
 PLOT_HELP: Final = "Draw a plot; needs matplotlib."
 
 
+People = Annotated[
+    str | None,
+    typer.Option("--people", metavar="NAME,NAME,…", help="Individuals to take, such as person_0; all by default."),
+]
+
+
+def individual_names(people: str | None) -> tuple[str, ...]:
+    """Return the names of ``--people``, each once; none if it is not given.
+
+    Raises:
+        SettingsError: it is given and has no name.
+    """
+    names = tuple(dict.fromkeys(name.strip() for name in (people or "").split(",") if name.strip()))
+    if people is not None and not names:
+        raise SettingsError("--people has no name; write names with commas, such as person_0,anna")
+    return names
+
+
 def drawable(plot: Path | None) -> Path | None:
     """Return a plot's file, None for none, unchanged; called before any work.
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from mocapella.cli import DAMAGED, INTERRUPTED
-from mocapella.cli.common import JsonOut, say, working, write_json
-from mocapella.errors import MocapellaError, SettingsError, TakeExistsError, one_of
+from mocapella.cli.common import JsonOut, People, individual_names, say, working, write_json
+from mocapella.errors import MocapellaError, SettingsError, TakeExistsError, one_of, visible
 
 if TYPE_CHECKING:
     from mocapella.exports.export import Export
@@ -45,10 +45,7 @@ def export(
         Path | None,
         typer.Option("--out", metavar="FILE", help="File or folder to write to. By default beside each take."),
     ] = None,
-    people: Annotated[
-        str | None,
-        typer.Option("--people", metavar="NAME,NAME,…", help="Individuals to write, such as person_0; all by default."),
-    ] = None,
+    people: People = None,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -88,7 +85,9 @@ def export(
 
     chosen = EXPORTS.find(str(context.info_name))
     humanoid_of = _humanoid(humanoid, chosen)
-    wishes = _Wishes(_names(people), rate, _space(chosen.space if space is None else space), raw, humanoid_of, force)
+    wishes = _Wishes(
+        individual_names(people), rate, _space(chosen.space if space is None else space), raw, humanoid_of, force
+    )
     found = [find_recording(take) for take in takes]
     _check_out(out, found)
     rows, failed, damaged = [], False, False
@@ -98,7 +97,7 @@ def export(
         except MocapellaError as error:
             if len(found) == 1:
                 raise
-            say(f"{path.name}: {error}")
+            say(_about(path, str(error)))
             rows.append({"take": str(path), "files": [], "take_problems": [str(error)]})
             failed = True
             continue
@@ -113,6 +112,7 @@ def export(
 def _export_take(chosen: Export, path: Path, out: Path | None, wishes: _Wishes) -> dict[str, Any]:
     """Write the files of one take; return its row of ``--json``, and whether it is damaged."""
     from mocapella.cli.recordings import open_take, tell_left_out
+    from mocapella.model.names import plural
 
     with working(f"reading {path.name} …", status=INTERRUPTED):
         take = open_take(path)
@@ -121,37 +121,39 @@ def _export_take(chosen: Export, path: Path, out: Path | None, wishes: _Wishes) 
     files = list(_planned(chosen, some, _base(path, out, chosen)))
     for file, _ in files:
         if os.path.lexists(file) and not wishes.force:
-            raise TakeExistsError(f"{file} exists; add --force to replace it, or name another file with --out")
+            raise TakeExistsError(
+                f"{visible(str(file))} exists; add --force to replace it, or name another file with --out"
+            )
     if out is not None and not out.suffix:
         out.mkdir(exist_ok=True)
     written: list[dict[str, Any]] = []
     problems = list(take.problems)
     for file, one in files:
         try:
-            with working(f"writing {file} …", status=INTERRUPTED):
+            with working(f"writing {visible(str(file))} …", status=INTERRUPTED):
                 count, notes = _write(chosen, one, file, wishes)
         except SettingsError as error:
             if len(files) == 1:
                 raise
             problems.append(str(error))  # the other individuals have their files
             continue
-        say(f"{count} frames of {', '.join(one.individuals)} in {file}")
+        say(f"{plural(count, 'frame', 'frames')} of {', '.join(one.individuals)} in {visible(str(file))}")
         for note in notes:
-            say(f"{file}: {note}")
+            say(f"{visible(str(file))}: {note}")
         row = {"path": str(file), "frames": count, "individuals": list(one.individuals)}
         written.append({**row, "notes": notes} if notes else row)
     for problem in problems:
-        say(f"{path.name}: {problem}")
+        say(_about(path, problem))
     return {"take": str(path), "files": written, "take_problems": problems, "damaged": take.damaged,
             "failed": len(written) < len(files)}  # fmt: skip
 
 
-def _names(people: str | None) -> tuple[str, ...]:
-    """Return the names of ``--people``, each once."""
-    names = tuple(dict.fromkeys(name.strip() for name in (people or "").split(",") if name.strip()))
-    if people is not None and not names:
-        raise SettingsError("--people has no name; write names with commas, such as person_0,anna")
-    return names
+def _about(path: Path, text: str) -> str:
+    """Return a sentence that begins with the take's name, once."""
+    named, _, rest = text.partition(": ")
+    if Path(named).name == path.name:
+        text = rest
+    return text if text.startswith(f"{path.name} ") else f"{path.name}: {text}"
 
 
 def _check_out(out: Path | None, takes: list[Path]) -> None:
@@ -159,16 +161,18 @@ def _check_out(out: Path | None, takes: list[Path]) -> None:
     if out is None:
         return
     if out.name.startswith(".") and not out.is_dir():
-        raise SettingsError(f"--out {out}: name a file or a folder")
+        raise SettingsError(f"--out {visible(str(out))}: name a file or a folder")
     folder = out.is_dir() or not out.suffix
     if len(takes) > 1 and not folder:
-        raise SettingsError(f"--out {out}: there are {len(takes)} takes; name a folder")
+        raise SettingsError(f"--out {visible(str(out))}: there are {len(takes)} takes; name a folder")
     if folder and not out.is_dir() and (out.exists() or not out.parent.is_dir()):
-        raise SettingsError(f"--out {out}: no folder can be made there; name one in a folder that exists")
+        raise SettingsError(f"--out {visible(str(out))}: no folder can be made there; name one in a folder that exists")
     stems = [take.stem.casefold() for take in takes]
     for take, stem in zip(takes, stems, strict=True):
         if stems.count(stem) > 1:
-            raise SettingsError(f"--out {out}: two takes are called {take.stem}, and one file would replace the other")
+            raise SettingsError(
+                f"--out {visible(str(out))}: two takes are called {take.stem}, and one file would replace the other"
+            )
 
 
 def _space(text: str) -> str:
@@ -257,9 +261,11 @@ def _write(export: Export, trajectories: Trajectories, file: Path, wishes: _Wish
     from mocapella.exports.new_file import new_file
     from mocapella.exports.run_labels import left_out
     from mocapella.exports.trc_file import T_OPENSIM_WORLD
-    from mocapella.model.resampling import resampled
+    from mocapella.model.resampling import check_rate, resampled
     from mocapella.registry import load
 
+    if wishes.rate_hz is not None:
+        check_rate(trajectories, wishes.rate_hz)
     if export.constant_rate or wishes.rate_hz is not None:
         trajectories = resampled(trajectories, wishes.rate_hz)
     if wishes.space == "opensim":

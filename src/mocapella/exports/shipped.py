@@ -90,6 +90,10 @@ ANGLES: Final = _trajectories(
     "angles", "Table of joint angles: a row for each angle of each frame, with its state and uncertainty.",
     "angle_tables:write_angles", ".angles.csv", parts=_WITH_BONES, with_labels=True,
 )  # fmt: skip
+ANGLES_PLOT: Final = _trajectories(
+    "angles-plot", "Picture of all joint angles over time, a panel for each angle (PNG).",
+    "angle_plot:write_angle_plot", ".angles.png", parts=_WITH_BONES,
+)  # fmt: skip
 MOT: Final = _trajectories(
     "mot", "Joint angles as OpenSim's coordinates: one person, constant rate, degrees.", "storage_file:write_mot",
     ".mot", parts=("people",), alone=True, space="opensim",

@@ -1,4 +1,4 @@
-"""Joint angles as other libraries take them: pandas and polars."""
+"""Joint angles as other libraries take them: pandas, polars and matplotlib."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mocapella.exports.angle_plot import angle_figure
 from mocapella.exports.angle_tables import angles_as_pandas, angles_as_polars
 from mocapella.model.joint_angles import JointAngles
 
@@ -30,6 +31,20 @@ class AngleTracks(JointAngles):
             SettingsError: polars is not installed; names the extra.
         """
         return angles_as_polars(self)
+
+    def plot(self, *names: str) -> Any:
+        """Return a matplotlib figure of angles over time [degrees]; both sides of an angle share a panel.
+
+        Left sides are solid and right sides dashed. Lines are measured angles, dots inferred ones; the band is one
+        standard deviation.
+
+        Args:
+            names: names of the angles, such as ``knee_angle_r``; all that are ever known without any.
+
+        Raises:
+            SettingsError: an angle is unknown, none is ever known, or matplotlib is not installed.
+        """
+        return angle_figure(self, names)
 
     def __repr__(self) -> str:
         known = np.isfinite(self.angles)

@@ -100,6 +100,15 @@ def humanoid_motion(trajectories: Trajectories, humanoid: str) -> HumanoidMotion
     return _Solver(joints, nose).motion(humanoid)
 
 
+def hips_known(trajectories: Trajectories) -> Bools:
+    """Return (frames,) whether the pose of one individual's hips is known; without it, there is no humanoid.
+
+    Raises:
+        SettingsError: no mapped topology has these keypoints.
+    """
+    return np.asarray(np.isfinite(_hips(joints_of(trajectories)[0])).all(axis=(1, 2)))
+
+
 def _hips(joints: Float64) -> Float64:
     """Return the rotations (frames, 3, 3) of the hips, given `JOINTS` (frames, 67, 3); NaN where unknown."""
     left, right, base, middle = (joints[:, INDEX[name]] for name in _OF_HIPS)

@@ -37,6 +37,24 @@ def usual_rate_hz(trajectories: Trajectories) -> float:
     return whole if abs(rate - whole) <= _ROUND * whole else rate
 
 
+def check_rate(trajectories: Trajectories, rate_hz: float) -> None:
+    """Check that a rate gives more than one frame of trajectories that have several.
+
+    Raises:
+        SettingsError: it does not; names the lowest rate that does.
+    """
+    seconds = float(np.ptp(trajectories.times_s)) if len(trajectories) else 0.0
+    if seconds > 0 and 0 < rate_hz * seconds < 1:
+        least = f"at least {_rounded_up(1.0 / seconds):g} Hz: the recording takes {seconds:.3g} s"
+        check(False, "rate", rate_hz, f"{least}, and a lower rate gives a single frame")
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value above 0, rounded up to three digits."""
+    step = float(10.0 ** (math.floor(math.log10(value)) - 2))
+    return math.ceil(value / step) * step
+
+
 def resampled(trajectories: T, rate_hz: float | None = None, *, longest_gap_s: float | None = None) -> T:
     """Return the trajectories at a constant rate, from the first frame's time to the last one's, over all runs.
 

@@ -144,7 +144,7 @@ class Trajectories:
 
 
 @dataclass(frozen=True)
-class _Row:
+class IndividualRow:
     """One individual in one scene; arrays as in `Trajectories`, without the axes of frames and individuals."""
 
     name: str
@@ -166,18 +166,20 @@ class _Row:
 _Layout = tuple[tuple[str, ...], Bones, tuple[str, ...]]
 
 
-def _people(scene: Scene) -> Iterator[_Row]:
+def _people(scene: Scene) -> Iterator[IndividualRow]:
     joints, bones = scene.topology.joints, scene.topology.bones
     for person in scene.people:
-        yield _Row(person_name(person.name, person.id), joints, bones, person.positions, person.states, person.sd)
+        yield IndividualRow(
+            person_name(person.name, person.id), joints, bones, person.positions, person.states, person.sd
+        )
 
 
-def _views(scene: Scene) -> Iterator[_Row]:
+def _views(scene: Scene) -> Iterator[IndividualRow]:
     joints, bones = scene.topology.joints, scene.topology.bones
     for person in scene.people:
         for view in person.views:
             if view.sensor == scene.sensor:  # the views of other sensors are of earlier scenes
-                yield _Row(
+                yield IndividualRow(
                     f"{person_name(person.name, person.id)}@{view.sensor}", joints, bones, view.positions, view.states
                 )
 
@@ -187,46 +189,48 @@ def person_name(name: str, number: int) -> str:
     return name or f"person_{number}"
 
 
-def _hands(scene: Scene) -> Iterator[_Row]:
+def _hands(scene: Scene) -> Iterator[IndividualRow]:
     for hand in scene.hands:
         name, pose = f"hand_{hand.id}_{_side(hand.left)}", hand.T_world_palm
-        yield _Row(name, LANDMARKS, HAND_BONES, hand.landmarks, hand.states, hand.sd, ANGLES, hand.angles, pose)
+        yield IndividualRow(
+            name, LANDMARKS, HAND_BONES, hand.landmarks, hand.states, hand.sd, ANGLES, hand.angles, pose
+        )
 
 
-def _arms(scene: Scene) -> Iterator[_Row]:
+def _arms(scene: Scene) -> Iterator[IndividualRow]:
     for arm in scene.arms:
         name, pose = f"arm_{arm.id}_{_side(arm.left)}", arm.T_world_palm
-        yield _Row(name, ARM_POINTS, ARM_POINT_BONES, arm.points, arm.states, arm.sd, ANGLES, arm.angles, pose)
+        yield IndividualRow(name, ARM_POINTS, ARM_POINT_BONES, arm.points, arm.states, arm.sd, ANGLES, arm.angles, pose)
 
 
 def _side(left: bool) -> str:
     return "left" if left else "right"
 
 
-def _bodies(scene: Scene) -> Iterator[_Row]:
+def _bodies(scene: Scene) -> Iterator[IndividualRow]:
     for body in scene.bodies:
-        yield _Row(
+        yield IndividualRow(
             body.name or f"body_{body.id}", body.landmark_names, (), body.landmarks, body.states, None,
             body.joint_names, body.angles, body.T_world_model,
         )  # fmt: skip
 
 
-def _objects(scene: Scene) -> Iterator[_Row]:
+def _objects(scene: Scene) -> Iterator[IndividualRow]:
     for thing in scene.objects:
         pose = thing.T_world_object
         position = np.full((1, 3), np.nan) if pose is None else pose[None, :3, 3]
-        yield _Row(thing.name, (ORIGIN,), (), position, np.array([thing.state], np.uint8), pose=pose)
+        yield IndividualRow(thing.name, (ORIGIN,), (), position, np.array([thing.state], np.uint8), pose=pose)
 
 
-def _points(scene: Scene) -> Iterator[_Row]:
+def _points(scene: Scene) -> Iterator[IndividualRow]:
     points = scene.points
     if points is not None:
         known = np.isfinite(points.positions).all(axis=1)
         states = np.where(known, JointState.TRACKED, JointState.NOT_TRACKED).astype(np.uint8)
-        yield _Row("points", points.names, (), points.positions, states, points.sd)
+        yield IndividualRow("points", points.names, (), points.positions, states, points.sd)
 
 
-PARTS: Final[Mapping[str, Callable[[Scene], Iterator[_Row]]]] = {
+PARTS: Final[Mapping[str, Callable[[Scene], Iterator[IndividualRow]]]] = {
     "people": _people,
     "hands": _hands,
     "arms": _arms,
@@ -267,7 +271,7 @@ class Block:
     poses: Float64 | None = None
 
 
-def _blocks(rows: Mapping[tuple[int, str, _Layout], Sequence[tuple[int, _Row]]]) -> Iterator[Block]:
+def _blocks(rows: Mapping[tuple[int, str, _Layout], Sequence[tuple[int, IndividualRow]]]) -> Iterator[Block]:
     for (run, name, layout), own in rows.items():
         yield Block(
             run,
@@ -312,7 +316,7 @@ def trajectories_of(
     Raises:
         SettingsError: no scene has a pose of the sensor; lists the known sensors.
     """
-    collected: dict[str, dict[tuple[int, str, _Layout], list[tuple[int, _Row]]]] = {kind: {} for kind in kinds}
+    collected: dict[str, dict[tuple[int, str, _Layout], list[tuple[int, IndividualRow]]]] = {kind: {} for kind in kinds}
     times: list[tuple[int, int]] = []
     by_sensor: dict[tuple[int, str], list[int]] = {}
     sensor_poses: list[Float64 | None] = []

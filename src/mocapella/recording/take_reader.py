@@ -375,7 +375,8 @@ def read_take(path: Path | str) -> Take:
         is_table = path.name.lower().endswith((".csv", ".csv.gz"))
         raise InputError("is a table, and no take" if is_table else "is no MCAP file", file=path, fix=_FIX)
     if index.empty:
-        raise DamagedTakeError("nothing in it can be read", file=path, fix="; ".join(index.problems) or None)
+        problems = (problem.removeprefix(f"{path.name}: ") for problem in index.problems)
+        raise DamagedTakeError("nothing in it can be read", file=path, fix="; ".join(problems) or None)
     if not index.runs and not index.frames and not index.scenes:
         raise InputError("is an MCAP file, and no take of Mocapella", file=path, fix=_FIX)
     return Take(path, parts, index)

@@ -71,7 +71,9 @@ def _take_at(path: Path) -> Path:
     names += [TAKES / name for name in names] if path.parent == Path() else []
     found = next((name for name in names if name.is_file()), None)
     if found is None and path.is_dir():
-        raise InputError("is a folder", file=path, fix="name a file in it")
+        raise InputError(
+            "is a folder", file=path, fix="name a file in it; `mocapella triangulate` takes folders of keypoint files"
+        )
     if found is None:
         fix = f"name a file that is there, such as {names[0].name}"
         raise InputError("there is no such file", file=path, fix=fix)
