@@ -13,7 +13,8 @@ ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 FILES = {
     path.name: path.read_text(encoding="utf-8")
-    for path in sorted((ROOT / "examples" / "plugin_thermal").rglob("*"))
+    for example in ("plugin_people", "plugin_thermal")  # of files with one name, the page shows the second's
+    for path in sorted((ROOT / "examples" / example).rglob("*"))
     if path.suffix in (".py", ".toml") and path.name != "__init__.py"
 }
 

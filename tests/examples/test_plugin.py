@@ -52,6 +52,21 @@ def installed(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(package), *filter(None, [os.environ.get("PYTHONPATH")])]))
 
 
+@pytest.mark.slow
+def test_the_detector_and_the_smoother_of_the_page_pass_their_own_tests(tmp_path: Path) -> None:
+    """The second example, as `docs/extending.md` shows it, installed beside the program."""
+    example = ROOT / "examples" / "plugin_people"
+    described = tomllib.loads((example / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    shutil.copytree(example / "src", tmp_path, dirs_exist_ok=True)
+    distribution(tmp_path, described["name"], described["entry-points"], version=described["version"])
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", str(example / "tests")],
+        capture_output=True, text=True, check=False, timeout=300, env={**os.environ, "PYTHONPATH": path}, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]
+
+
 class Session:
     """A server with two heat cameras."""
 

@@ -1,0 +1,1 @@
+"""A keypoint detector of a bright cap, and steadier people."""
