@@ -3,7 +3,7 @@
 Lengths of hands are 0.8 to 1.15 times the usual one, with other proportions than the people of the rendered scenes;
 left and right hands, palm or back to the camera; sleeves, hands without a forearm, fists, pinches, fingers that touch,
 hands that point at the camera or are seen from the side, images that were made twice as large, and a fist that opens.
-Seeds from 200 to 203 are scored, and 30 fresh fists that open (600 to 629); those below and 300 to 550 were used to
+Seeds from 200 to 203 are scored, and 30 fresh fists that open (400 to 429); those below and 300 to 329 were used to
 choose numbers.
 """
 
@@ -34,7 +34,7 @@ Float64 = NDArray[np.float64]
 
 FPS: Final = 25.0
 SEEDS: Final = tuple(range(200, 204))
-FRESH: Final = tuple(range(600, 630))
+FRESH: Final = tuple(range(400, 430))
 """Seeds of further fists that open."""
 IMAGES: Final = 4
 OPENING: Final = "fist that opens"

@@ -41,7 +41,7 @@ def test_until_a_good_fit_an_arm_stays_in_doubt_and_is_due_after_some_images(cos
     arm = arm_of(costs)
     assert not arm.proven
     assert arm.in_doubt == sum(cost > S.doubt for cost in costs)
-    assert arm.is_due(S, S.firm) == (arm.in_doubt >= arm_track._SOON)
+    assert arm.is_due(S) == (arm.in_doubt >= arm_track._SOON)
 
 
 @given(st.integers(0, 20), st.floats(0.0, GOOD - 0.001), st.integers(0, 20))
@@ -49,15 +49,13 @@ def test_after_a_good_fit_one_image_ends_the_doubt_and_an_arm_waits_for_longer(n
     arm = arm_of([S.doubt + 0.01] * n + [good] + [S.doubt + 0.01] * more)
     assert arm.proven
     assert arm.in_doubt == more
-    assert arm.is_due(S, S.firm) == (more >= S.look_again_after)
+    assert arm.is_due(S) == (more >= S.look_again_after)
     assert arm_of([good] + [S.doubt + 0.01] * more + [S.doubt - 0.001]).in_doubt == 0
 
 
 @given(st.integers(1, 20))
 def test_what_is_perhaps_no_arm_is_not_searched_so_soon(n: int) -> None:
-    assert arm_of([S.firm] * n).is_due(S, S.firm) == (n >= S.look_again_after)
-    # Before a camera that matches blocks, such an arm is reported.
-    assert arm_of([S.firm] * n).is_due(S, S.firm_in_blocks) == (n >= arm_track._SOON)
+    assert arm_of([S.firm] * n).is_due(S) == (n >= S.look_again_after)
 
 
 @pytest.mark.slow

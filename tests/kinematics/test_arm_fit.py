@@ -62,8 +62,7 @@ def posed(model: ArmModel, rng: np.random.Generator, opened: bool = False) -> Ar
     v[7:10] /= np.linalg.norm(v[7:10])
     v[[0, 1, 3]] = rng.uniform(0.9, 1.1, 3)
     v[2] = model.forearm_m * rng.uniform(0.9, 1.1)
-    v[10:15] = rng.uniform(0.95, 1.05, 5)
-    v[fk.UPPER_THICK] = 2.0 - v[fk.ARM_THICK]
+    v[10:] = rng.uniform(0.95, 1.05, 5)
     return ArmPose(np.ascontiguousarray(R).reshape(9), np.array([0.02, -0.02, 0.6]), z, v)
 
 
@@ -84,8 +83,7 @@ def moved(model: ArmModel, pose: ArmPose, dof: int, by: float) -> ArmPose:
     elif body == fk.D_LENGTH:
         v[fk.FOREARM_M] += by
     else:
-        at = {fk.D_SCALE: fk.SCALE, fk.D_THICK: fk.THICK, fk.D_ARM_THICK: fk.ARM_THICK,
-              fk.D_UPPER_THICK: fk.UPPER_THICK}  # fmt: skip
+        at = {fk.D_SCALE: fk.SCALE, fk.D_THICK: fk.THICK, fk.D_ARM_THICK: fk.ARM_THICK}
         v[at.get(body, fk.DIGITS + body - fk.D_DIGITS)] *= np.exp(by)
     return ArmPose(R, t, z, v)
 
@@ -484,8 +482,7 @@ def test_limits_and_sizes_are_kept_whatever_is_seen(seed: int, side: Handedness,
     np.testing.assert_allclose(R.reshape(3, 3) @ R.reshape(3, 3).T, np.eye(3), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(v[4:10].reshape(2, 3), axis=1), 1.0)
     for least, most, sizes in (
-        (0.6, 1.4, v[:1]), (0.7, 1.4, v[1:2]), (0.12, 0.4, v[2:3]), (0.7, 1.6, v[3:4]), (0.75, 1.3, v[10:15]),
-        (0.7, 2.0, v[15:]),
+        (0.6, 1.4, v[:1]), (0.7, 1.4, v[1:2]), (0.12, 0.4, v[2:3]), (0.7, 1.6, v[3:4]), (0.75, 1.3, v[10:])
     ):  # fmt: skip
         assert ((sizes >= least) & (sizes <= most)).all()
     assert np.isfinite(t).all()
@@ -643,7 +640,7 @@ def test_angles_are_those_of_the_hand_and_points_those_of_its_chain(side: Handed
     np.testing.assert_allclose(in_palm[WRIST], 0.0, atol=1e-12)
     np.testing.assert_allclose(in_palm[[*BASES]], model.shape.bases * model.shape.mirror * pose.v[0], atol=1e-12)
     bones = np.linalg.norm(np.diff(in_palm[1:21].reshape(5, 4, 3), axis=1), axis=-1)
-    np.testing.assert_allclose(bones, model.shape.lengths * pose.v[0] * pose.v[10:15, None], atol=1e-12)
+    np.testing.assert_allclose(bones, model.shape.lengths * pose.v[0] * pose.v[10:, None], atol=1e-12)
     np.testing.assert_allclose(pose.T_camera_palm[:3, :3].reshape(9), pose.R)
     np.testing.assert_allclose(points[PALM], points[[WRIST, 9]].mean(axis=0))
     assert np.linalg.norm(in_palm[ELBOW]) == pytest.approx(pose.v[2], abs=0.03)
@@ -655,66 +652,6 @@ def test_the_palms_flesh_has_no_step_at_a_knuckle(side: Handedness) -> None:
     palm = arm_model(side).palm
     ends, across = palm[:4, 3:6], palm[4:7, :6].reshape(3, 2, 3)
     np.testing.assert_allclose(across, np.stack([ends[:-1], ends[1:]], axis=1), atol=1e-12)
-
-
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("size", [0.8, 1.2])
-def test_the_upper_arm_has_its_own_thickness_and_is_as_long_as_the_hand_is_large(side: Handedness, size: float) -> None:
-    model = arm_model(side)
-    v = model.state()
-    pose = ArmPose(np.eye(3).reshape(9), np.array([0, 0, 0.6]), OPEN[model.angle_of], v)
-    usual = model.pieces(pose)[0]
-    larger, thicker, forearm = (v.copy() for _ in range(3))
-    larger[fk.SCALE], thicker[fk.UPPER_THICK], forearm[fk.ARM_THICK] = size, size, size
-    assert model.pieces(pose._replace(v=larger))[0][-1, fk.LENGTH] == pytest.approx(size * usual[-1, fk.LENGTH])
-    for changed, which in ((thicker, slice(-1, None)), (forearm, slice(-3, -1))):
-        pieces = model.pieces(pose._replace(v=changed))[0]
-        rest = np.ones(len(pieces), np.bool_)
-        rest[which] = False
-        np.testing.assert_allclose(pieces[which, fk.RA], size * usual[which, fk.RA])
-        np.testing.assert_allclose(pieces[which, fk.RB], size * usual[which, fk.RB])
-        np.testing.assert_allclose(pieces[rest], usual[rest])
-
-
-def test_the_spheres_without_the_upper_arm_are_the_first_ones() -> None:
-    model = arm_model("left")
-    pose = posed(model, np.random.default_rng(4))
-    every, few = model.spheres(pose), model.spheres(pose, upper_arm=False)
-    elbow = pose.R.reshape(3, 3) @ (pose.v[2] * pose.v[4:7]) + pose.t
-    np.testing.assert_array_equal(few, every[: len(few)])
-    np.testing.assert_allclose(every[len(few), :3], elbow)
-    assert len(few) < len(every)
-
-
-@given(seeds, sides)
-def test_the_upper_arm_is_turned_to_the_surface_around_the_elbow(seed: int, side: Handedness) -> None:
-    model, rng = arm_model(side), np.random.default_rng(seed)
-    pose = posed(model, rng)
-    axis = pose.R.reshape(3, 3) @ pose.v[4:7]
-    (elbow,) = model.about_elbow(pose)
-    towards = np.cross(axis, rng.normal(size=3))
-    towards /= np.linalg.norm(towards)
-    points = elbow[:3] + rng.uniform(0.1, 0.2, (60, 1)) * towards
-    told = model.upper_arm_towards(pose, points)
-    assert told is not None
-    np.testing.assert_allclose(told, towards, atol=1e-9)
-    turned_arm = model.with_upper_arm(pose, told)
-    np.testing.assert_allclose(pose.R.reshape(3, 3) @ turned_arm.v[7:10], towards, atol=1e-9)
-    np.testing.assert_array_equal(turned_arm.v[:7], pose.v[:7])
-
-
-@given(seeds, sides)
-def test_points_of_hand_and_forearm_or_too_few_tell_nothing_of_the_upper_arm(seed: int, side: Handedness) -> None:
-    model, rng = arm_model(side), np.random.default_rng(seed)
-    pose = posed(model, rng)
-    (elbow,) = model.about_elbow(pose)
-    spheres = model.spheres(pose)
-    hand = spheres[spheres[:, 4] > 0, :3]
-    forearm = pose.t + rng.uniform(0, 1, (100, 1)) * (elbow[:3] - pose.t)
-    away = elbow[:3] + elbow[3] * np.array([[0.0, 0.0, 1.5]] * 100)
-    few = np.tile(elbow[:3] + 0.15 * np.eye(3)[0], (10, 1))
-    for points in (hand, forearm, away, few, np.vstack([hand, forearm, away])):
-        assert model.upper_arm_towards(pose, points) is None
 
 
 def test_relevance_is_of_the_hand_then_the_forearm_then_little() -> None:
@@ -742,8 +679,8 @@ def test_the_thumb_of_a_new_arm_may_be_less_usual_than_a_finger_but_for_poor_sta
     model, pose = arm_model("right"), posed(arm_model("right"), np.random.default_rng(3))
     s = model.settings
     usual = model.unexpected(pose, usual=True)
-    np.testing.assert_allclose(model.unexpected(pose).information[10:15], [s.thumb_sd**-2.0, *[s.digit_sd**-2.0] * 4])
-    np.testing.assert_allclose(usual.information[10:], [*[s.digit_sd**-2.0] * 5, s.upper_arm_sd**-2.0])
+    np.testing.assert_allclose(model.unexpected(pose).information[10:], [s.thumb_sd**-2.0, *[s.digit_sd**-2.0] * 4])
+    np.testing.assert_allclose(usual.information[10:], s.digit_sd**-2.0)
     np.testing.assert_array_equal(usual.information[:10], model.unexpected(pose).information[:10])
 
 
@@ -751,8 +688,7 @@ def test_the_thumb_of_a_new_arm_may_be_less_usual_than_a_finger_but_for_poor_sta
     ("name", "values"),
     [
         *((name, (0.0, 1.0, -1.0)) for name in ("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m",
-          "collision_sd_m", "size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd",
-          "upper_arm_sd")),
+          "collision_sd_m", "size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd")),
         *((name, (-0.01, 0.1)) for name in ("ahead_m", "overlap_m")),
         *((name, (0.0, 1e5, float("nan"))) for name in ("deviation_sd_deg", "flexion_sd_deg", "angle_rate_deg_s",
           "palm_rate_deg_s", "palm_rate_m_s")),

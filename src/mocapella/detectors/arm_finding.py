@@ -158,8 +158,7 @@ class ArmFinder:
             found += ones
             # Where the other side fits about as well, another candidate on the same hand may decide it.
             sure = [one for one in ones if one.cost < good and self.sure(one, ones) > _CLEAR]
-            # Its upper arm may be another arm's hand and forearm: both are fitted, and then `judged`.
-            arms += [self.models[one.side].spheres(one.fitted.pose, upper_arm=False) + _ABOUT_ARM for one in sure]
+            arms += [self.models[one.side].spheres(one.fitted.pose) + _ABOUT_ARM for one in sure]
             enough -= bool(sure)
         return found, tried
 
@@ -487,36 +486,7 @@ class ArmFinder:
             fit = model.fit(fitted.pose, prior, evidence, iterations=iterations, loose=loose, tips=tips)
             fits.append(_Refined(fit, part, ends, _MISSED * missed(ends, model.points(fit.pose)[[*TIPS]])))
             yield _work(evidence, iterations)
-        best = min(fits, key=lambda fit: fit.rank)
-        other = yield from self._with_upper_arm(depth, model, best, targets)
-        return best if other is None or other.rank > best.rank else other
-
-    def _with_upper_arm(
-        self, depth: Float32, model: ArmModel, refined: _Refined, tips: Float64
-    ) -> Steps[_Refined | None]:
-        """Fit an arm again whose upper arm points to the surface around the elbow; None if there is no such surface.
-
-        Starts have the upper arm behind the hand. One that comes towards the camera is not in the region of such a fit.
-
-        Args:
-            depth: (height, width) [m].
-            model, refined: the arm, and its fit.
-            tips: (5, 3) targets of fingertips, NaN where unknown [m].
-        """
-        pose = refined.fitted.pose
-        around = self.region(depth, np.vstack([model.about_elbow(pose), model.spheres(pose)]))
-        yield _REGION
-        towards = None if around is None else model.upper_arm_towards(pose, around.points)
-        if towards is None:
-            return None
-        start = model.with_upper_arm(pose, towards)
-        part = self.region(depth, model.spheres(start))
-        if part is None:
-            return None
-        evidence = evidence_of(part, model, start, beyond=0.3)
-        fit = model.fit(start, model.unexpected(start), evidence, iterations=_FINELY, loose=1.0, tips=tips)
-        yield _work(evidence, _FINELY) + _REGION
-        return _Refined(fit, part, refined.ends, _MISSED * missed(refined.ends, model.points(fit.pose)[[*TIPS]]))
+        return min(fits, key=lambda fit: fit.rank)
 
 
 class _Refined(NamedTuple):

@@ -145,12 +145,8 @@ class KinematicArmDetector:
 
     def _fits(self, arm: CameraArmTrack) -> bool:
         """Return whether an arm's fit is good enough to be reported for the first time."""
-        return self.finder.shown_cost(arm.fitted, arm.region) < self._most_cost
-
-    @property
-    def _most_cost(self) -> float:
-        """Cost above which a new arm is not reported before this camera."""
-        return self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
+        most = self.settings.firm_in_blocks if self._fattening.px else self.settings.firm
+        return self.finder.shown_cost(arm.fitted, arm.region) < most
 
     def _compare(self, whole: Float32) -> None:
         """Compare arms' fits with those to the image of a camera of the other kind, from time to time.
@@ -284,7 +280,7 @@ class KinematicArmDetector:
             other = min(fits, key=lambda other: other.cost)
             if other.cost < s.better * cost_of(model, pose, evidence):
                 self._change(arm, arm.side, other, arm.region)
-        if arm.is_due(s, self._most_cost):
+        if arm.is_due(s):
             arm.in_doubt, arm.wait = 0, min(2 * arm.wait, _LONGEST_WAIT)
             self._anew(arm, depth)
 
@@ -293,13 +289,10 @@ class KinematicArmDetector:
         found: list[Found] = []
         for candidate in at_once(self.finder.candidates(depth, 2, arm.model.points(arm.fitted.pose)[PALM])):
             found += at_once(self.finder.best(depth, candidate, depth))
-        # A candidate may be the elbow or the shoulder, whose points are not those of this hand.
-        now = Found(arm.fitted.cost, arm.side, arm.fitted)
-        found = [one for one in found if self.finder.near(one, now)]
         for one in sorted(found, key=lambda one: one.rank)[:1]:
             part = self.finder.region(depth, self.models[one.side].spheres(one.fitted.pose))
             if part is not None and self._change(arm, one.side, one.fitted, part):
-                arm.sure, arm.unclear = self.finder.sure(one, found), self.finder.unclear(one, found)
+                arm.sure = self.finder.sure(one, found)
                 if arm.proven:
                     arm.wait = self.settings.look_again_after
                 arm.prove(self.settings)
@@ -510,9 +503,10 @@ class KinematicArmDetector:
         shown = np.zeros(len(points))
         if arm.region is not None:
             shown = arm.confirmed(model.visible(pose, arm.region.front, arm.region.lens))
-        clear = ~arm.unclear | (arm.firm >= _FIRM_AFTER and arm.proven)
-        # Before a camera that matches blocks, arms are reported although they fit poorly.
-        clear[[*TIPS]] &= arm.clear & (arm.fitted.cost < self.settings.firm or arm.firm >= _FIRM_AFTER)
+        # Before a camera that matches blocks, right fits cost more than what proves an arm.
+        settled = arm.firm >= _FIRM_AFTER and (arm.proven or self._fattening.px > 0)
+        clear = ~arm.unclear | settled
+        clear[[*TIPS]] &= arm.clear
         least = _VISIBLE_IN_BLOCKS if self._fattening.px else _VISIBLE
         states = np.where((shown > least) & clear, JointState.TRACKED, JointState.INFERRED).astype(np.uint8)
         sd = _sd_m(np.where(clear, shown, 0.0), arm.fitted.cost).astype(np.float32)

@@ -100,16 +100,12 @@ class CameraArmTrack:
         elif self.proven:
             self.in_doubt = 0
 
-    def is_due(self, s: KinematicArmSettings, most_cost: float) -> bool:
-        """Return whether the hand is to be searched anew; not so soon with a cost of at least ``most_cost``.
+    def is_due(self, s: KinematicArmSettings) -> bool:
+        """Return whether the hand is to be searched anew; not so soon with a cost of at least the setting ``firm``.
 
         Such an arm is perhaps none, and about to be lost.
-
-        Args:
-            s: images in doubt before a search.
-            most_cost: cost above which arms are not reported before this camera.
         """
-        poor = self.fitted.cost >= most_cost
+        poor = self.fitted.cost >= s.firm
         return self.in_doubt >= (max(self.wait, s.look_again_after) if poor else self.wait)
 
     def predicted(self, dt: float) -> ArmPose:

@@ -34,7 +34,7 @@ _DIGIT_RADII_M: Final = (
 """Radii at the joints from the base outwards, of a hand of the reference length; our own figures."""
 _ARM_RADII_M: Final = (0.0165, 0.0100, 0.0400, 0.0430, 0.0025)
 """Radius of the forearm at the wrist, half the distance of its two bones there, radii at the elbow and of the upper
-arm's end; and the distance of the centre of a fingertip's round end from the landmark."""
+arm; and the distance of the centre of a fingertip's round end from the landmark."""
 _ELBOW_M: Final = (0.008, 0.012)
 """Distance of the elbow joint beyond the end of the forearm's flesh, and behind it where the elbow is bent; from
 rendered arms (seeds below 100)."""
@@ -60,8 +60,6 @@ class ArmFitSettings:
         digit_sd: standard deviation of a finger's length, relative to the usual one for the hand's size [ratio].
         thumb_sd: the same of the thumb's length, which varies more [ratio].
         forearm_sd: standard deviation of the forearm's length, relative to the usual one for the hand's size [ratio].
-        upper_arm_sd: standard deviation of the upper arm's thickness, relative to the usual one for the hand's size;
-            upper arms vary 1.3 times as much as forearms (docs/decisions/0111-upper-arms-and-poor-fits.md) [ratio].
         deviation_sd_deg: standard deviation of the wrist's deviation to the thumb's or little finger's side [°].
         flexion_sd_deg: standard deviation of the wrist's flexion about the straight wrist [°].
         angle_rate_deg_s: largest growth per second of a predicted angle's standard deviation [°/s].
@@ -88,7 +86,6 @@ class ArmFitSettings:
     digit_sd: float = 0.05
     thumb_sd: float = 0.10
     forearm_sd: float = 0.07
-    upper_arm_sd: float = 0.2
     deviation_sd_deg: float = 15.0
     flexion_sd_deg: float = 35.0
     angle_rate_deg_s: float = 1500.0
@@ -101,7 +98,7 @@ class ArmFitSettings:
     def __post_init__(self) -> None:
         for name in (
             *("point_scale_m", "silhouette_scale_m", "point_sd_m", "silhouette_sd_m", "sharp_sd_m", "collision_sd_m"),
-            *("size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd", "upper_arm_sd"),
+            *("size_sd", "thickness_sd", "digit_sd", "thumb_sd", "forearm_sd"),
         ):
             check(0 < getattr(self, name) < 1, name, getattr(self, name), "above 0, below 1")
         for name in ("ahead_m", "overlap_m"):
@@ -267,7 +264,7 @@ class ArmModel:
         )  # fmt: skip
         s = self.settings
         self.sizes = np.zeros(kernels().STATE)
-        self.sizes[:2], self.sizes[10:15] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
+        self.sizes[:2], self.sizes[10:] = (1 / s.size_sd**2, 1 / s.thickness_sd**2), 1 / s.digit_sd**2
         self.sizes[10] = 1 / s.thumb_sd**2
         self.length_m = length
         arm = 15 + len(self.palm)
@@ -301,8 +298,7 @@ class ArmModel:
         information[:4] = 1 / s.size_sd**2, 1 / s.thickness_sd**2, 1 / (s.forearm_sd * self.forearm_m) ** 2, 1 / 0.15**2
         information[4:6] = 1 / np.sin(np.radians([s.deviation_sd_deg, s.flexion_sd_deg])) ** 2
         information[7:10] = 0.2
-        information[10:15] = self.sizes[10:15]
-        information[15] = 1 / s.upper_arm_sd**2
+        information[10:] = self.sizes[10:]
         if usual:
             information[10] = information[11]
         nothing = np.zeros(6 + len(self.natural))
@@ -353,7 +349,7 @@ class ArmModel:
         costs[5] /= max(costs[6], 1.0)
         off = pose.z - self.natural
         v = (pose.v - e.v) * np.sqrt(self.sizes)
-        costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:15] @ v[10:15]
+        costs[3] = off @ self.prior @ off + v[:2] @ v[:2] + v[10:] @ v[10:]
         return Fitted(pose, costs)
 
     def _parameters(self, pose: ArmPose, evidence: ArmEvidence, total: float) -> FitParameters:
@@ -435,17 +431,15 @@ class ArmModel:
             if columns[k] >= 0 and value is not None:
                 z[columns[k]] = np.radians(value)
 
-    def spheres(self, pose: ArmPose, spacing_m: float = 0.025, *, upper_arm: bool = True) -> Float64:
+    def spheres(self, pose: ArmPose, spacing_m: float = 0.025) -> Float64:
         """Return spheres (k, 5) along the capsules: centre (3), camera frame, and radius [m], 1 for hand or 0 for arm.
 
         Args:
             pose: the pose.
             spacing_m: least distance between the spheres' centres along a capsule; both its ends have one [m].
-            upper_arm: with those of the upper arm, whose direction is often not known.
         """
         out = np.empty((400, 5))
-        pieces = self.pieces(pose)[0][: None if upper_arm else -1]
-        return out[: kernels().balls(pieces, self.owners, pose.R, pose.t, spacing_m, out)]
+        return out[: kernels().balls(self.pieces(pose)[0], self.owners, pose.R, pose.t, spacing_m, out)]
 
     def relevance(self, points: Float64, pose: ArmPose, beyond: float = 0.05) -> Float64:
         """Return weights (m,) of points: 0.5 near a predicted forearm, else 1 near its hand, else ``beyond``.
@@ -486,46 +480,6 @@ class ArmModel:
         along, behind = pose.v[0] * np.array(_ELBOW_M)
         x[22] = (pose.v[2] + along) * f + behind * bent / max(float(np.linalg.norm(bent)), 0.3)
         return np.asarray(x @ pose.R.reshape(3, 3).T + pose.t)
-
-    def about_elbow(self, pose: ArmPose) -> Float64:
-        """Return a sphere (1, 5), as of `spheres`, about the elbow, in which the upper arm is wherever it points."""
-        begin = pose.R.reshape(3, 3) @ (pose.v[2] * pose.v[4:7]) + pose.t
-        end_m = float(np.linalg.norm(self.pieces(pose)[0][-1, kernels().LENGTH]) + self.radii[5, 3] * pose.v[0])
-        return np.array([[*begin, end_m, 0.0]])
-
-    def upper_arm_towards(self, pose: ArmPose, points: Float64) -> Float64 | None:
-        """Return the unit direction (3,) from the elbow to the middle of the surface around it, camera frame.
-
-        Points near the hand or the forearm do not count.
-
-        Args:
-            pose: the arm; its upper arm is not used.
-            points: (m, 3) of the surface, camera frame [m].
-
-        Returns:
-            None if fewer than `_FEW_OF_UPPER_ARM` points are left.
-        """
-        (begin,) = self.about_elbow(pose)
-        wrist, elbow = pose.t, begin[:3]
-        axis = elbow - wrist
-        along = np.clip((points - wrist) @ axis / max(float(axis @ axis), 1e-9), 0.0, 1.0)
-        away = np.linalg.norm(points - wrist - along[:, None] * axis, axis=1)
-        spheres = self.spheres(pose)
-        hand = spheres[spheres[:, 4] > 0]
-        off = np.linalg.norm(points[:, None] - hand[:, :3], axis=2) - hand[:, 3]
-        free = (away > _BESIDE_FOREARM * self.radii[5, 2] * pose.v[0] * pose.v[3]) & (off.min(axis=1) > _BESIDE_HAND_M)
-        free &= np.linalg.norm(points - elbow, axis=1) < begin[3]
-        if free.sum() < _FEW_OF_UPPER_ARM:
-            return None
-        towards = points[free].mean(axis=0) - elbow
-        return np.asarray(towards / max(float(np.linalg.norm(towards)), 1e-6))
-
-    @staticmethod
-    def with_upper_arm(pose: ArmPose, towards: Float64) -> ArmPose:
-        """Return a pose whose upper arm points along a unit vector (3,) of the camera frame, from the elbow on."""
-        v = pose.v.copy()
-        v[7:10] = pose.R.reshape(3, 3).T @ towards
-        return pose._replace(v=v)
 
     def last_bones(self, pose: ArmPose) -> Float64:
         """Return (5, 8) the flesh about each digit's last bone: its axis' begin and end, camera frame, and radii [m].
@@ -592,11 +546,6 @@ _UNLIKE: Final = np.radians(40)
 """Difference of angles below which fingers count as equally bent."""
 _ALIKE_DEG: Final = ((-5, 5), (15, 30), (40, 40), (20, 80), (65, 70), (85, 100))
 """Flexion of knuckles and of middle joints."""
-_BESIDE_FOREARM: Final = 1.4
-"""Distance from the forearm's axis, in radii at the elbow, beyond which a surface may be the upper arm's."""
-_BESIDE_HAND_M: Final = 0.02
-_FEW_OF_UPPER_ARM: Final = 30
-"""Least number of points of an upper arm."""
 _NOWHERE: Final = np.full((5, 3), np.nan)
 
 

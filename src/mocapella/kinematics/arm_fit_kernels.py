@@ -36,7 +36,6 @@ from mocapella.kinematics.arm_flesh_kernels import (
     D_SCALE,
     D_THICK,
     D_UPPER,
-    D_UPPER_THICK,
     DIGITS,
     FOREARM,
     FOREARM_M,
@@ -51,7 +50,6 @@ from mocapella.kinematics.arm_flesh_kernels import (
     STATE,
     THICK,
     UPPER,
-    UPPER_THICK,
     U,
     across,
     balls,
@@ -304,9 +302,9 @@ def _expected_body(expected: Float64, information: Float64, v: Float64, first: i
         i = first + (D_FOREARM if k == 0 else D_UPPER)
         H[i, i] += 1e-6
         H[i + 1, i + 1] += 1e-6
-    for j in range(10):
-        k = j if j < 4 else (UPPER_THICK if j == 9 else DIGITS + j - 4)
-        i = first + (D_UPPER_THICK if j == 9 else D_DIGITS + j - 4)
+    for j in range(9):
+        k = j if j < 4 else DIGITS + j - 4
+        i = first + D_DIGITS + j - 4
         if j < 4:
             i = first + (
                 D_SCALE if k == SCALE else (D_THICK if k == THICK else (D_LENGTH if k == FOREARM_M else D_ARM_THICK))
@@ -414,7 +412,6 @@ def _apply_step(arm: ArmArrays, pose: ArmPose, d: Float64) -> None:
     v[SCALE] = min(max(v[SCALE] * math.exp(min(max(d[n + D_SCALE], -0.1), 0.1)), 0.6), 1.4)
     v[THICK] = min(max(v[THICK] * math.exp(min(max(d[n + D_THICK], -0.1), 0.1)), 0.7), 1.4)
     v[ARM_THICK] = min(max(v[ARM_THICK] * math.exp(min(max(d[n + D_ARM_THICK], -0.1), 0.1)), 0.7), 1.6)
-    v[UPPER_THICK] = min(max(v[UPPER_THICK] * math.exp(min(max(d[n + D_UPPER_THICK], -0.1), 0.1)), 0.7), 2.0)
     for k in range(5):
         v[DIGITS + k] = min(max(v[DIGITS + k] * math.exp(min(max(d[n + D_DIGITS + k], -0.1), 0.1)), 0.75), 1.3)
     within(digits, columns, gains, z, arm.c_max)

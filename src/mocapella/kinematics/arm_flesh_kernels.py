@@ -32,15 +32,12 @@ OF_PALM, OF_FOREARM, OF_UPPER_ARM = -1, -2, -3
 SCALE, THICK, FOREARM_M, ARM_THICK = 0, 1, 2, 3  # hand's size and thickness over the shape's, length [m], thickness
 FOREARM, UPPER = 4, 7  # unit vectors in the palm's frame: wrist to elbow, elbow to shoulder
 DIGITS = 10  # (5,) lengths of the digits over the shape's, beside the hand's size
-UPPER_THICK = 15  # upper arm's thickness over the shape's, beside the hand's size
-STATE = 16
+STATE = 15
 
 # Indices of the other dofs, behind the palm's six and the free angles.
 D_FOREARM, D_UPPER, D_LENGTH, D_SCALE, D_THICK, D_ARM_THICK, D_DIGITS = 0, 2, 4, 5, 6, 7, 8
-D_UPPER_THICK = 13
-BODY_DOFS = 14
+BODY_DOFS = 13
 
-_UPPER_ARM_M = 0.25  # length of the upper arm of a reference hand, from elbow to the centre of its round end [m]
 _INNER = 0.8  # share of the radius of flesh that hides what is behind its axis or in it, see `covered`
 
 
@@ -140,10 +137,10 @@ def flesh(
             pieces[n], w, 0.0, 0.0, ex + 0.4 * w, ey, ez, s * v[ARM_THICK] * radii[5, 0], s * v[ARM_THICK] * radii[5, 2]
         )
         n += 1
-    upper, wide = s * _UPPER_ARM_M, s * v[UPPER_THICK]
+    ux, uy, uz = v[UPPER], v[UPPER + 1], v[UPPER + 2]
     write_piece(
-        pieces[n], ex, ey, ez, ex + upper * v[UPPER], ey + upper * v[UPPER + 1], ez + upper * v[UPPER + 2],
-        wide * radii[5, 2], wide * radii[5, 3],
+        pieces[n], ex, ey, ez, ex + 0.25 * ux, ey + 0.25 * uy, ez + 0.25 * uz, s * v[ARM_THICK] * radii[5, 2],
+        s * v[ARM_THICK] * radii[5, 3],
     )  # fmt: skip
 
 

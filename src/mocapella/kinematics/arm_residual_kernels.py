@@ -23,7 +23,6 @@ from mocapella.kinematics.arm_flesh_kernels import (
     D_SCALE,
     D_THICK,
     D_UPPER,
-    D_UPPER_THICK,
     FOREARM,
     FOREARM_M,
     FROM,
@@ -127,8 +126,7 @@ def group_derivatives(
         reach /= v[FOREARM_M]
         row[n, first], row[n, first + 1], row[n, first + 2] = reach * fx, reach * fy, reach * fz
         at[group, n] = body + D_LENGTH
-        row[n + 1, Q_R] = 1.0
-        at[group, n + 1] = body + (D_ARM_THICK if group == 14 - OF_FOREARM else D_UPPER_THICK)
+        row[n + 1, Q_R], at[group, n + 1] = 1.0, body + D_ARM_THICK
         counts[group] = n + 2
 
 
