@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.ray_agreement import AGREES, CONFIDENT, SHARED, cast, spread_of
+from mocapella.association.ray_agreement import AGREES, CONFIDENT, apart, cast, spread_of
 from mocapella.model.camera import PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
 
@@ -178,10 +178,5 @@ def _best(some: Float64, others: Float64, between: Float64, spread: Float64) -> 
     """
     if some.shape[2] != others.shape[2]:  # another topology
         return np.empty(0)
-    normals = np.cross(some, between)
-    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-    angles = np.sort(np.abs(np.einsum("tijk,tljk->tilj", normals, others)), axis=-1)  # NaN last
-    count = np.isfinite(angles).sum(axis=-1)
-    middle = np.take_along_axis(angles, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
-    least = np.where(count >= SHARED, middle, np.inf).min(axis=2) / np.maximum(spread, 1e-9)
+    least = apart(some, others, between).min(axis=2) / np.maximum(spread, 1e-9)
     return np.asarray(np.minimum(least[np.isfinite(least)], UNLIKE))

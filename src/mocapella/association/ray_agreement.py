@@ -7,6 +7,7 @@ constraint: R. Hartley, A. Zisserman, *Multiple View Geometry in Computer Vision
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -41,20 +42,49 @@ def shared_instants(frames: Mapping[str, Sequence[KeypointFrame]]) -> list[dict[
 
 
 def apart(some: Float64, others: Float64, between: Float64) -> Float64:
-    """Return how far people's rays in two cameras are from crossing (detections, others) [rad]; infinite if unknown.
+    """Return how far people's rays in two cameras are from crossing (…, detections, others) [rad]; infinite if unknown.
 
     Args:
-        some: (detections, keypoints, 3) directions of one camera, world.
-        others: (others, keypoints, 3) of the other camera.
+        some: (…, detections, keypoints, 3) directions of one camera, world.
+        others: (…, others, keypoints, 3) of the other camera.
         between: (3,) from the one camera's centre to the other's [m].
     """
     normals = np.cross(some, between)
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-    angles = np.abs(np.einsum("ijk,ljk->ilj", normals, others))  # detections, others, keypoints
-    enough: Any = np.isfinite(angles).sum(axis=-1) >= SHARED
-    medians = np.full(enough.shape, np.inf)
-    medians[enough] = np.nanmedian(angles[enough], axis=-1)
-    return medians
+    angles = np.sort(np.abs(np.einsum("...ijk,...ljk->...ilj", normals, others)), axis=-1)  # NaN last
+    count = np.isfinite(angles).sum(axis=-1)
+    last = np.maximum(count - 1, 0)[..., None]
+    middle = np.take_along_axis(angles, np.concatenate([last // 2, (last + 1) // 2], axis=-1), axis=-1).mean(axis=-1)
+    return np.asarray(np.where(count >= SHARED, middle, np.inf))
+
+
+def disagreement(
+    instants: Sequence[Mapping[str, KeypointFrame]],
+    cameras: Mapping[str, PlacedCamera],
+    *,
+    scale: float = 1.0,
+    only: str | None = None,
+) -> float:
+    """Return the median angle of people's rays out of the planes of another camera's rays; NaN without pairs.
+
+    Angles are parts of the spread of the person's rays, which a scale changes, too. Of the detections in the other
+    image, the best one counts.
+
+    Args:
+        instants: frames by the camera's name.
+        cameras: the cameras.
+        scale: factor of the keypoints.
+        only: name of a camera that each pair has; None for all pairs.
+    """
+    found: list[float] = []
+    for seen in instants:
+        rays = {name: rays_of(frame, cameras[name], scale) for name, frame in seen.items()}
+        for one, other in combinations(rays, 2):
+            (o, some), (p, others) = rays[one], rays[other]
+            if only in (None, one, other) and some.shape[1] == others.shape[1]:  # of one topology
+                best = apart(some, others, p - o).min(axis=1) / np.maximum(spread_of(some), 1e-9)
+                found += best[np.isfinite(best)].tolist()
+    return float(np.median(found)) if found else float("nan")
 
 
 def spread_of(rays: Float64) -> Float64:

@@ -7,13 +7,12 @@ the other cameras only if they are turned back.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Final
 
 import msgspec
 import numpy as np
 
-from mocapella.association.ray_agreement import apart, rays_of, shared_instants, spread_of
+from mocapella.association.ray_agreement import disagreement, shared_instants
 from mocapella.model.camera import CameraRig
 from mocapella.model.keypoints import KeypointFrame
 
@@ -57,32 +56,15 @@ def flipped_images(frames: Mapping[str, Sequence[KeypointFrame]], rig: CameraRig
 def _best(instants: Sequence[Instant], rig: CameraRig, names: Sequence[str]) -> tuple[float, str] | None:
     """Return the angle and kind of the best flip of some cameras, all or one; None if no flip explains their images."""
     only = names[0] if len(names) == 1 else None
-    plain = _disagreement(instants, rig, only)
+    plain = disagreement(instants, rig.cameras, only=only)
     tried = [
-        (_disagreement([_flipped(seen, names, how, swap=swap) for seen in instants], rig, only), how)
+        (disagreement([_flipped(seen, names, how, swap=swap) for seen in instants], rig.cameras, only=only), how)
         for how, swap in (("mirrored", True), ("mirrored", False), ("upside down", False))
     ]
     least, how = min((one for one in tried if np.isfinite(one[0])), default=(np.inf, ""))
     if not (plain > DISAGREES and least < AGREES and least * BETTER < plain):
         return None
     return least, how
-
-
-def _disagreement(instants: Sequence[Instant], rig: CameraRig, only: str | None) -> float:
-    """Return the median angle of people's rays out of the planes of another camera's rays; NaN without pairs.
-
-    Angles are parts of the spread of the person's rays. Of the detections in the other image, the best one counts.
-    ``only`` is a camera that each pair has; None for all pairs.
-    """
-    found: list[float] = []
-    for seen in instants:
-        rays = {name: rays_of(frame, rig.cameras[name]) for name, frame in seen.items()}
-        for one, other in combinations(rays, 2):
-            (o, some), (p, others) = rays[one], rays[other]
-            if only in (None, one, other) and some.shape[1] == others.shape[1]:  # of one topology
-                best = apart(some, others, p - o).min(axis=1) / np.maximum(spread_of(some), 1e-9)
-                found += best[np.isfinite(best)].tolist()
-    return float(np.median(found)) if found else float("nan")
 
 
 def _flipped(seen: Instant, cameras: Sequence[str], how: str, *, swap: bool) -> Instant:

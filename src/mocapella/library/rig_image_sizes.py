@@ -7,13 +7,12 @@ keypoints are scaled, show that the rig is for another size.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mocapella.association.ray_agreement import AGREES, CONFIDENT, apart, rays_of, shared_instants, spread_of
+from mocapella.association.ray_agreement import AGREES, CONFIDENT, disagreement, shared_instants
 from mocapella.errors import InputError
 from mocapella.model.camera import CameraRig, PlacedCamera
 from mocapella.model.keypoints import KeypointFrame
@@ -93,30 +92,9 @@ def check_inside(name: str, frames: Sequence[KeypointFrame], *, file: object, st
 def _scale(frames: Mapping[str, Sequence[KeypointFrame]], cameras: Mapping[str, PlacedCamera]) -> float | None:
     """Return the factor of the keypoints with which the cameras agree; None if they agree as they are, or never."""
     instants = shared_instants(frames)
-    plain = _disagreement(instants, cameras, 1.0)
+    plain = disagreement(instants, cameras)
     if not plain > AGREES:  # also if there is nothing to compare
         return None
-    tried = ((_disagreement(instants, cameras, scale), scale) for scale in SCALES)
+    tried = ((disagreement(instants, cameras, scale=scale), scale) for scale in SCALES)
     least, best = min((one for one in tried if np.isfinite(one[0])), default=(np.inf, 1.0))
     return best if least < AGREES and least * BETTER < plain else None
-
-
-def _disagreement(
-    instants: Sequence[Mapping[str, KeypointFrame]], cameras: Mapping[str, PlacedCamera], scale: float
-) -> float:
-    """Return the median angle of people's rays out of the planes of the other camera's rays; NaN without pairs.
-
-    Angles are parts of the spread of the person's rays, which a scale changes, too. Of the detections in the other
-    image, the best one counts.
-    """
-    found: list[float] = []
-    for seen in instants:
-        rays = {name: rays_of(frame, cameras[name], scale) for name, frame in seen.items()}
-        for one, other in combinations(rays, 2):
-            (o, some), (p, others) = rays[one], rays[other]
-            if some.shape[1] != others.shape[1]:  # another topology
-                continue
-            medians = apart(some, others, p - o)
-            best = medians.min(axis=1) / np.maximum(spread_of(some), 1e-9)
-            found += best[np.isfinite(best)].tolist()
-    return float(np.median(found)) if found else float("nan")
